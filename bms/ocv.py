@@ -1,7 +1,7 @@
 r"""Open-circuit voltage over SOC, its slope, and [L]'s measurement-quality function alpha.
 
-The table is joined by a shape-preserving cubic (PCHIP), which keeps a monotone table monotone, so its slope is
-non-negative everywhere. [L] eq 4 scales the variance of the voltage-derived SOC with
+The table is joined by a shape-preserving cubic (PCHIP), which keeps a monotone table monotone, so its slope
+is non-negative everywhere. [L] eq 4 scales the variance of the voltage-derived SOC with
 ``alpha(SOC) = (dOCV/dSOC)^-1``, drawn in its Fig 2 without units; here it is scaled to a maximum of one
 (ERRATA.md), hence ``mu`` is the measurement variance where the curve is flattest:
 
@@ -27,7 +27,7 @@ ALPHA_NODES = 101
 """Nodes of the piecewise-linear table of alpha; 1 % of SOC apart."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OcvCurve:
     """Open-circuit voltage as a monotone table over SOC.
 
@@ -43,7 +43,7 @@ class OcvCurve:
     Raises
     ------
     BatteryError
-        When the table is not a monotone one over [0, 1].
+        When the table is not a monotone one over [0, 1], or the floor is not between 0 and 1.
     """
 
     soc: NDArray[np.float64]
@@ -55,7 +55,7 @@ class OcvCurve:
         voltage_V = np.array(self.voltage_V, dtype=np.float64)
         if soc.ndim != 1 or soc.shape != voltage_V.shape or soc.size < 3:
             raise BatteryError(
-                f"an OCV table needs at least 3 pairs (soc, voltage), got shapes {soc.shape}, {voltage_V.shape}"
+                f"an OCV table needs at least 3 pairs (soc, voltage), got {soc.shape}, {voltage_V.shape}"
             )
         if not (np.all(np.isfinite(soc)) and np.all(np.isfinite(voltage_V))):
             raise BatteryError("the OCV table holds NaN or inf; remove or fill these rows")
@@ -73,6 +73,10 @@ class OcvCurve:
             )
         if voltage_V[0] <= 0.0 or voltage_V[-1] <= voltage_V[0]:
             raise BatteryError(f"OCV must be positive and rise, got {voltage_V[0]:g} ... {voltage_V[-1]:g} V")
+        if not 0.0 < self.slope_floor < 1.0:
+            raise BatteryError(
+                f"slope_floor must lie between 0 and 1, got {self.slope_floor:g}; default: 0.02"
+            )
         soc.flags.writeable = voltage_V.flags.writeable = False
         object.__setattr__(self, "soc", soc)
         object.__setattr__(self, "voltage_V", voltage_V)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from bms.ocv import OcvCurve
 
-Table = Annotated[tuple[float, ...], Field(min_length=2)]
+Table = tuple[float, ...]
 
 
 class Pack(BaseModel):
@@ -33,7 +33,7 @@ class Pack(BaseModel):
         When a value is missing, unknown, or out of range; `bms.load_pack` turns it into a `BatteryError`.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str = Field(description="short name, used in tables")
     source: str = Field(description="where the figures come from")
@@ -49,7 +49,10 @@ class Pack(BaseModel):
     voltage_min_V: float | None = Field(default=None, gt=0.0, description="lowest terminal voltage, V")
     voltage_max_V: float | None = Field(default=None, gt=0.0, description="highest terminal voltage, V")
     slope_floor: float = Field(
-        default=0.02, gt=0.0, lt=1.0, description="least OCV slope used by alpha, as a share of the mean slope"
+        default=0.02,
+        gt=0.0,
+        lt=1.0,
+        description="least OCV slope used by alpha, as a share of the mean slope",
     )
 
     @model_validator(mode="after")
@@ -58,14 +61,21 @@ class Pack(BaseModel):
             column = getattr(self, name)
             if column is not None and len(column) != len(self.soc):
                 raise ValueError(f"{name} has {len(column)} values for {len(self.soc)} nodes of soc")
+        _ = self.ocv
         for column in (self.resistance_ohm, self.charge_resistance_ohm or self.resistance_ohm):
             if min(column) <= 0.0:
                 raise ValueError(f"a resistance must be positive, got {min(column):g} ohm")
         if self.voltage_min_V is not None and self.voltage_min_V >= self.ocv_V[-1]:
-            raise ValueError(f"voltage_min_V {self.voltage_min_V:g} is not below the full OCV {self.ocv_V[-1]:g}")
+            raise ValueError(
+                f"voltage_min_V {self.voltage_min_V:g} is not below the full OCV {self.ocv_V[-1]:g}"
+            )
         if self.voltage_max_V is not None and self.voltage_max_V <= self.ocv_V[0]:
-            raise ValueError(f"voltage_max_V {self.voltage_max_V:g} is not above the empty OCV {self.ocv_V[0]:g}")
-        _ = self.ocv
+            raise ValueError(
+                f"voltage_max_V {self.voltage_max_V:g} is not above the empty OCV {self.ocv_V[0]:g}"
+            )
+        low_V, high_V = self.voltage_min_V, self.voltage_max_V
+        if low_V is not None and high_V is not None and low_V >= high_V:
+            raise ValueError(f"voltage_min_V {low_V:g} is not below voltage_max_V {high_V:g}")
         return self
 
     @cached_property
@@ -86,12 +96,13 @@ class Pack(BaseModel):
 
     def resistances_ohm(self, soc: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Discharge and charge resistance in ohm at ``soc``, linear between nodes."""
-        discharge = np.interp(soc, self.soc, self.resistance_ohm)
-        charge = np.interp(soc, self.soc, self.charge_resistance_ohm or self.resistance_ohm)
+        at = np.asarray(soc, dtype=np.float64)
+        discharge = np.interp(at, self.soc, self.resistance_ohm)
+        charge = np.interp(at, self.soc, self.charge_resistance_ohm or self.resistance_ohm)
         return np.asarray(discharge), np.asarray(charge)
 
     def current_limits_A(self, soc: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lowest (most negative, discharge) and highest (charge) current in A that the pack accepts at ``soc``."""
+        """Lowest (discharge, negative) and highest (charge) current in A that the pack accepts at ``soc``."""
         ocv_V = self.ocv(soc)
         discharge_ohm, charge_ohm = self.resistances_ohm(soc)
         low = np.maximum(-self.discharge_limit_A, -0.5 * ocv_V / discharge_ohm)

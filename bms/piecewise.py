@@ -28,7 +28,7 @@ LARGEST_RELATIVE_VARIANCE = 0.99
 """p is clipped to this share of s (1 - s), where the Beta density degenerates to masses at 0 and 1."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PiecewiseLinear:
     """A piecewise-linear function on [0, 1] that may jump at its nodes and is constant beyond them.
 
@@ -46,7 +46,7 @@ class PiecewiseLinear:
 
     def __post_init__(self) -> None:
         nodes = np.asarray(self.soc)
-        if nodes.size == 0 or np.any(np.diff(nodes) <= 0.0):
+        if nodes.ndim != 1 or nodes.size == 0 or np.any(np.diff(nodes) <= 0.0):
             raise BatteryError(f"nodes of a piecewise-linear function must increase strictly, got {nodes}")
         for name in ("soc", "left", "right"):
             array = np.array(getattr(self, name), dtype=np.float64)
@@ -94,7 +94,8 @@ class PiecewiseLinear:
         spread = s * (1.0 - s)
         p = np.minimum(p, LARGEST_RELATIVE_VARIANCE * spread)
         result = np.array(self(s), dtype=np.float64, ndmin=0)
-        wide = p > POINT_MASS_VARIANCE
+        # Negated, so that a variance of NaN gives NaN and not the point mass.
+        wide = ~(p <= POINT_MASS_VARIANCE)
         if not np.any(wide):
             return result
         s_wide = s[wide]
@@ -126,4 +127,3 @@ class PiecewiseLinear:
         if self.soc[-1] < 1.0:
             found.append(((float(inner[-1]), 1.0), float(self.right[-1]), 0.0))
         return found
-

@@ -34,10 +34,19 @@ def read_columns(
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise BatteryError(f"cannot read the table {path}: {error.strerror or error}") from error
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    except UnicodeDecodeError as error:
+        raise BatteryError(f"{path} is not UTF-8 text; save it as CSV with UTF-8 encoding") from error
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")
+    ]
     if len(lines) < 2:
-        raise BatteryError(f"{path} holds no table; expected a header with {', '.join(required)} and rows of numbers")
+        raise BatteryError(
+            f"{path} holds no table; expected a header with {', '.join(required)} and rows of numbers"
+        )
     header = [cell.strip() for cell in lines[0][1].split(",")]
+    twice = [name for i, name in enumerate(header) if name in header[:i]]
+    if twice:
+        raise BatteryError(f"{path} has the column {twice[0]} twice; keep one")
     missing = [name for name in required if name not in header]
     unknown = [name for name in header if name not in (*required, *optional)]
     if missing or unknown:

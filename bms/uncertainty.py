@@ -9,11 +9,12 @@ The true SOC ``x`` and the estimate ``s`` with error variance ``p`` evolve over 
     s' &= s + h i / Q + K (y - s), & K &= p / (p + \sigma_w^2)     && \text{[L] 5, 8} \\
     p' &= p \sigma_w^2 / (p + \sigma_w^2) + h (\gamma + \beta |i|) &&&& \text{[L] 9}
 
-with :math:`\sigma_w^2 = E[\mu\,\alpha(x)]` over a Beta distribution of mean ``s`` and variance ``p`` ([L] 10-13).
+with :math:`\sigma_w^2 = E[\mu\,\alpha(x)]` over a Beta distribution of mean ``s`` and variance ``p``
+([L] 10-13).
 ``gamma`` and ``beta`` are variances per second; [L] tabulates them for h = 1 s.
 
-The innovation ``y - s`` has variance ``p + sigma_w^2``, so the estimate moves by ``K nu`` with standard deviation
-``p / sqrt(p + sigma_w^2)``: what is learnt is what the estimate moves.
+The innovation ``y - s`` has variance ``p + sigma_w^2``, so the estimate moves by ``K nu`` with standard
+deviation ``p / sqrt(p + sigma_w^2)``: what is learnt is what the estimate moves.
 """
 
 from __future__ import annotations
@@ -39,21 +40,25 @@ class UncertaintyModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     gamma: float = Field(default=1e-6, ge=0.0, allow_inf_nan=False, description="drift variance, 1/s")
-    beta: float = Field(default=3.9e-7, ge=0.0, allow_inf_nan=False, description="drift variance per ampere, 1/(A s)")
-    mu: float = Field(default=2e-3, ge=0.0, allow_inf_nan=False, description="measurement variance where alpha is 1")
+    beta: float = Field(
+        default=3.9e-7, ge=0.0, allow_inf_nan=False, description="drift variance per ampere, 1/(A s)"
+    )
+    mu: float = Field(
+        default=2e-3, ge=0.0, allow_inf_nan=False, description="measurement variance where alpha is 1"
+    )
 
     def process_variance(self, current_A: ArrayLike, step_s: float) -> Array:
         """Variance of ``d`` over one step, [L] eq 3."""
         return np.asarray(step_s * (self.gamma + self.beta * np.abs(current_A)), dtype=np.float64)
 
     def measurement_variance(self, mean: ArrayLike, variance: ArrayLike, alpha: PiecewiseLinear) -> Array:
-        """Expected variance of ``w`` under the Beta belief, [L] eq 10."""
+        """Give the expected variance of ``w`` under the Beta belief, [L] eq 10."""
         return self.mu * alpha.expectation(mean, variance)
 
 
 def gain(variance: ArrayLike, measurement_variance: ArrayLike) -> Array:
     """Gain K of [L] eq 8; zero where both variances vanish (nothing to learn, nothing measured)."""
-    p, total = np.asarray(variance, np.float64), np.add(variance, measurement_variance)
+    p, total = np.asarray(variance, np.float64), np.add(variance, measurement_variance, dtype=np.float64)
     return np.divide(p, total, out=np.zeros_like(total), where=total > 0.0)
 
 
@@ -68,11 +73,11 @@ def next_variance(variance: ArrayLike, measurement_variance: ArrayLike, process_
 
 
 def innovation_spread(variance: ArrayLike, measurement_variance: ArrayLike) -> Array:
-    """Standard deviation ``p / sqrt(p + sigma_w^2)`` by which a measurement moves the estimate."""
+    """Give the deviation ``p / sqrt(p + sigma_w^2)`` by which a measurement moves the estimate."""
     return np.sqrt(gain(variance, measurement_variance) * np.asarray(variance, np.float64))
 
 
 def steady_variance(measurement_variance: ArrayLike, process_variance: ArrayLike) -> Array:
-    """Fixed point of [L] eq 9 at constant current: ``p^2 = sigma_d^2 (p + sigma_w^2)``."""
+    """Solve [L] eq 9 for its fixed point at constant current: ``p^2 = sigma_d^2 (p + sigma_w^2)``."""
     drift = np.asarray(process_variance, np.float64)
     return 0.5 * drift + np.sqrt(0.25 * drift**2 + drift * np.asarray(measurement_variance, np.float64))

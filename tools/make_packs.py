@@ -1,7 +1,7 @@
 """Write the preset packs of [L] Table 1: `python tools/make_packs.py [FOLDER]`.
 
-The paper gives voltage, resistance and energy and only draws the voltage curve (its Fig 1). The curve here is our
-own choice: flat between 30 and 75 % SOC, steep below 15 % and above 95 %.
+The paper gives voltage, resistance and energy and only draws the voltage curve (its Fig 1). The curve here is
+our own choice: flat between 30 and 75 % SOC, steep below 15 % and above 95 %.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ def preset(name: str) -> str:
     """Compose the TOML text of one pack."""
     voltage_V, resistance_ohm, energy_Wh = PACKS[name]
     soc = np.linspace(0.0, 1.0, 51)
+    figures = f"{voltage_V:g} V, {resistance_ohm:g} ohm, {energy_Wh / 1000:g} kWh"
     return f"""# {name.upper()} battery of [L] Table 1; written by tools/make_packs.py.
 # The OCV curve is our own choice, as a share of the nominal voltage:
 #   0.95 + 0.10 s - 0.18 exp(-s / 0.08) + 0.05 exp(-(1 - s) / 0.08)
 # The current limits are our own choice as well.
 name = "{name}"
-source = "[L] Table 1 ({voltage_V:g} V, {resistance_ohm:g} ohm, {energy_Wh / 1000:g} kWh); curve and current limits: own"
+source = "[L] Table 1 ({figures}); curve and current limits: own"
 capacity_Ah = {energy_Wh / voltage_V:.4f}
 soc = {table(soc, 2)}
 ocv_V = {table(voltage_V * shape(soc), 4)}
