@@ -1,0 +1,151 @@
+"""What the comparison says: what the stochastic policy saves, where it loses, what is left to gain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from socwise.labels import CERTAINTY_EQUIVALENT, PERFECT_INFORMATION, STOCHASTIC
+
+Result = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Saving:
+    """How much less one policy spends than another, on the same noise.
+
+    Parameters
+    ----------
+    absolute : float
+        Mean of the paired saving, in the unit of what is compared; > 0 saves.
+    low, high : float
+        Its 95 % interval; NaN if the comparison gives none.
+    baseline : float
+        Mean of what the other policy spends: the per cent are of this.
+    """
+
+    absolute: float
+    low: float
+    high: float
+    baseline: float
+
+    @property
+    def verdict(self) -> int:
+        """Return 1 if the saving is significant, -1 if the loss is, 0 if neither is sure."""
+        if self.low > 0.0:
+            return 1
+        return -1 if self.high < 0.0 else 0
+
+    def in_per_cent(self) -> tuple[float, float, float]:
+        """Return mean, low and high in per cent of the baseline; NaN where the baseline spends nothing."""
+        scale = 100.0 / self.baseline if self.baseline > 0.0 else math.nan
+        return scale * self.absolute, scale * self.low, scale * self.high
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one concept at one mu shows.
+
+    Parameters
+    ----------
+    concept, mu
+        Where.
+    cost, fuel : Saving or None
+        Of the stochastic against the certainty-equivalent policy; None if one of them was not run.
+    gap_left : float or None
+        Part of the certainty-equivalent policy's extra cost over perfect information that the stochastic
+        policy still has; None if a policy was not run or there is no extra cost to lose.
+    further : Saving or None
+        What perfect information would save against the stochastic policy.
+    better : tuple of str
+        Policies, perfect information aside, whose realised cost is significantly below the stochastic one's.
+    lowest : str
+        The policy, perfect information aside if there is any other, with the lowest mean realised cost.
+    """
+
+    concept: str
+    mu: float
+    cost: Saving | None
+    fuel: Saving | None
+    gap_left: float | None
+    further: Saving | None
+    better: tuple[str, ...]
+    lowest: str
+
+
+def findings(result: Result) -> list[Finding]:
+    """Return what a comparison shows, for every concept and mu in its order.
+
+    Parameters
+    ----------
+    result : mapping
+        The object that ``socwise compare --json`` prints.
+    """
+    settings = dict.fromkeys((row["concept"], row["mu"]) for row in result["cases"])
+    return [_finding(result, concept, mu) for concept, mu in settings]
+
+
+def saving(result: Result, concept: str, mu: float, policy: str, versus: str, what: str) -> Saving | None:
+    """Return what one policy saves against another, or None if they were not compared.
+
+    Parameters
+    ----------
+    result : mapping
+        The object that ``socwise compare --json`` prints.
+    concept, mu, policy, versus
+        Which pair; the comparison may hold it the other way round.
+    what : str
+        "cost_kg" or "fuel_l_per_100km".
+    """
+    baseline = _means(result, concept, mu, what).get(versus)
+    for pair in result["paired"]:
+        if (pair["concept"], pair["mu"]) != (concept, mu) or baseline is None:
+            continue
+        names = (pair["policy"], pair["versus"])
+        if names not in {(policy, versus), (versus, policy)}:
+            continue
+        mean, (low, high) = pair[what]["mean"], _interval(pair[what])
+        if names == (versus, policy):
+            return Saving(mean, low, high, baseline)
+        return Saving(-mean, -high, -low, baseline)
+    return None
+
+
+def _finding(result: Result, concept: str, mu: float) -> Finding:
+    costs = _means(result, concept, mu, "cost_kg")
+    realisable = {name: cost for name, cost in costs.items() if name != PERFECT_INFORMATION} or costs
+    against = [name for name in realisable if name != STOCHASTIC]
+    savings = {name: saving(result, concept, mu, STOCHASTIC, name, "cost_kg") for name in against}
+    return Finding(
+        concept=concept,
+        mu=mu,
+        cost=savings.get(CERTAINTY_EQUIVALENT),
+        fuel=saving(result, concept, mu, STOCHASTIC, CERTAINTY_EQUIVALENT, "fuel_l_per_100km"),
+        gap_left=_gap_left(costs),
+        further=saving(result, concept, mu, PERFECT_INFORMATION, STOCHASTIC, "cost_kg"),
+        better=tuple(name for name, one in savings.items() if one is not None and one.verdict < 0),
+        lowest=min(realisable, key=lambda name: realisable[name]),
+    )
+
+
+def _gap_left(costs: Mapping[str, float]) -> float | None:
+    if not {STOCHASTIC, CERTAINTY_EQUIVALENT, PERFECT_INFORMATION} <= costs.keys():
+        return None
+    bound = costs[PERFECT_INFORMATION]
+    gap = costs[CERTAINTY_EQUIVALENT] - bound
+    return (costs[STOCHASTIC] - bound) / gap if gap > 0.0 else None
+
+
+def _means(result: Result, concept: str, mu: float, what: str) -> dict[str, float]:
+    return {
+        row["policy"]: row[what]["mean"]
+        for row in result["cases"]
+        if (row["concept"], row["mu"]) == (concept, mu)
+    }
+
+
+def _interval(difference: Mapping[str, Any]) -> tuple[float, float]:
+    low, high = difference.get("ci95") or (None, None)
+    return (math.nan, math.nan) if low is None or high is None else (float(low), float(high))

@@ -1,0 +1,118 @@
+"""The findings in plain sentences: who wins, by how much, how sure that is, and what is left to gain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from socwise.labels import concept_label, policy_style
+from socwise.report.answer import Finding, Saving
+from socwise.report.wording import listing, per_cent
+
+_ENOUGH = 4
+
+
+def answer(concept: str, found: Sequence[Finding]) -> list[str]:
+    """Return the answer for one concept, as sentences of plain text.
+
+    Parameters
+    ----------
+    concept : str
+        Its name.
+    found : sequence of Finding
+        Its findings, in the order of mu.
+
+    Returns
+    -------
+    list of str
+        Realised cost first, then fuel, then other policies that win, then the gap to perfect information.
+    """
+    name = concept_label(concept)
+    pairs = [(one, one.cost) for one in found if one.cost is not None]
+    if not pairs:
+        lowest = _series([f"{policy_style(f.lowest).label} at μ = {f.mu:g}" for f in found])
+        return [
+            f"{name}: the stochastic and the certainty-equivalent policy were not both run, so what the "
+            f"uncertainty is worth stays open. Lowest mean realised cost: {lowest}."
+        ]
+    sentences = [_cost_sentence(name, pairs)]
+    fuel = [(one, one.fuel) for one in found if one.fuel is not None]
+    if fuel:
+        parts = [f"{_fuel_phrase(saving)} at μ = {one.mu:g}" for one, saving in fuel]
+        sentences.append(f"Fuel alone: {_series(parts)}.")
+    sentences += _better_sentences(found)
+    gap = [one for one in found if one.gap_left is not None]
+    if gap:
+        parts = [f"{_share(one)} at μ = {one.mu:g}" for one in gap]
+        sentences.append(
+            f"Of what the certainty-equivalent policy loses against perfect information, {_series(parts)} "
+            "is still lost with the stochastic policy."
+        )
+    return sentences
+
+
+def verdict(finding: Finding) -> str:
+    """Return in a few words who is cheaper, the stochastic or the certainty-equivalent policy."""
+    if finding.cost is None:
+        return "not compared"
+    if math.isnan(finding.cost.low):
+        return "no interval: one realization"
+    words = {1: "stochastic cheaper", 0: "no significant difference", -1: "certainty-equivalent cheaper"}
+    return words[finding.cost.verdict]
+
+
+def _cost_sentence(name: str, pairs: Sequence[tuple[Finding, Saving]]) -> str:
+    templates = {
+        1: "lowers the realised cost by {}",
+        0: "makes no significant difference to the realised cost, saving {}",
+        -1: "raises the realised cost by {}",
+    }
+    phrases = []
+    for outcome, template in templates.items():
+        group = [(one, saving) for one, saving in pairs if saving.verdict == outcome]
+        parts = [f"{_amount(saving, 'kg')} at μ = {one.mu:g}" for one, saving in group]
+        if parts:
+            phrases.append(template.format(_series(parts)))
+    return (
+        f"{name}: against the certainty-equivalent policy, which takes the estimate for the truth, "
+        f"the stochastic policy {'; it '.join(phrases)}."
+    )
+
+
+def _fuel_phrase(saving: Saving) -> str:
+    word = {1: "{} less", 0: "no significant difference, saving {}", -1: "{} more"}[saving.verdict]
+    return word.format(_amount(saving, "l/100 km"))
+
+
+def _amount(saving: Saving, unit: str) -> str:
+    """Return a saving, or a significant loss as a positive number, with its interval."""
+    values, shown = saving.in_per_cent(), "%"
+    if math.isnan(values[0]):
+        values, shown = (saving.absolute, saving.low, saving.high), unit
+    mean, low, high = values if saving.verdict >= 0 else (-values[0], -values[2], -values[1])
+    interval = "no interval" if math.isnan(low) else f"95 % interval {per_cent(low)} to {per_cent(high)}"
+    return f"{per_cent(mean)} {shown} ({interval})"
+
+
+def _better_sentences(found: Sequence[Finding]) -> list[str]:
+    by_policy: dict[str, list[str]] = {}
+    for one in found:
+        for policy in one.better:
+            by_policy.setdefault(policy, []).append(f"μ = {one.mu:g}")
+    return [
+        f"The {policy_style(policy).label} policy realises a significantly lower cost than the stochastic "
+        f"one at {_series(places)}."
+        for policy, places in by_policy.items()
+    ]
+
+
+def _share(finding: Finding) -> str:
+    left = 100.0 * (finding.gap_left or 0.0)
+    return "nothing" if left <= 0.0 else f"{left:.0f} %"
+
+
+def _series(parts: Sequence[str]) -> str:
+    """Join what holds at several mu; of a long sweep only the first and the last."""
+    if len(parts) <= _ENOUGH:
+        return listing(parts)
+    return f"{parts[0]} and {parts[-1]} (first and last of {len(parts)} in the table)"
