@@ -1,7 +1,7 @@
 """Write the preset packs of [L] Table 1: `python tools/make_packs.py [FOLDER]`.
 
 The paper gives voltage, resistance and energy and only draws the voltage curve (its Fig 1). The curve here is
-our own choice: flat between 30 and 75 % SOC, steep below 15 % and above 95 %.
+our own choice: flat between 20 and 75 % SOC, steep below 10 % and above 95 %.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ PACKS = {"hev": (192.0, 0.30, 1400.0), "phev": (305.0, 0.13, 8000.0)}
 
 def shape(soc: NDArray[np.float64]) -> NDArray[np.float64]:
     """Open-circuit voltage as a share of the nominal voltage; 1 at 50 % SOC."""
-    return 0.95 + 0.10 * soc - 0.18 * np.exp(-soc / 0.08) + 0.05 * np.exp(-(1.0 - soc) / 0.08)
+    return 0.95 + 0.10 * soc - 0.18 * np.exp(-soc / 0.04) + 0.05 * np.exp(-(1.0 - soc) / 0.08)
 
 
 def table(values: NDArray[np.float64], digits: int) -> str:
@@ -34,7 +34,7 @@ def preset(name: str) -> str:
     figures = f"{voltage_V:g} V, {resistance_ohm:g} ohm, {energy_Wh / 1000:g} kWh"
     return f"""# {name.upper()} battery of [L] Table 1; written by tools/make_packs.py.
 # The OCV curve is our own choice, as a share of the nominal voltage:
-#   0.95 + 0.10 s - 0.18 exp(-s / 0.08) + 0.05 exp(-(1 - s) / 0.08)
+#   0.95 + 0.10 s - 0.18 exp(-s / 0.04) + 0.05 exp(-(1 - s) / 0.08)
 # The current limits are our own choice as well.
 name = "{name}"
 source = "[L] Table 1 ({figures}); curve and current limits: own"

@@ -1,0 +1,171 @@
+"""The paired comparison of policies: every policy, mu and concept on the same noise.
+
+Common random numbers: realization ``r`` has the same initial error, process noise and measurement noise (in
+standard deviations) for every policy and mu. What is compared is the realised cost: fuel with starts,
+penalties at the *true* SOC, and the price of power that was not delivered. Intervals are Student's t on the
+paired differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import joblib
+import numpy as np
+
+from drivecycles import DriveCycle
+from ems.concept import Concept
+from ems.errors import EmsError
+from ems.grid import GridSettings
+from ems.noise import Noise, draw_noise
+from ems.policies import build_policy, find_policy
+from ems.problem import OnInfeasible, Problem, build_problem
+from ems.records import Case, Comparison
+from ems.simulate import roll_out
+
+Item = TypeVar("Item", str, float)
+
+DEFAULT_MU = (0.7e-3, 2e-3, 6e-3)
+DEFAULT_POLICIES = ("stochastic", "certainty_equivalent", "perfect_information", "rule_based")
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One solve and the mus that it serves."""
+
+    problem: Problem
+    policy: str
+    mus: tuple[float, ...]
+
+
+def compare(
+    concepts: Sequence[Concept],
+    cycle: DriveCycle,
+    *,
+    mus: Sequence[float] = DEFAULT_MU,
+    policies: Sequence[str] = DEFAULT_POLICIES,
+    realizations: int = 50,
+    seed: int = 0,
+    settings: GridSettings | None = None,
+    on_infeasible: OnInfeasible = "error",
+    jobs: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Solve and simulate every combination of concept, mu and policy.
+
+    Parameters
+    ----------
+    concepts : sequence of Concept
+        The cars.
+    cycle : DriveCycle
+        What they drive.
+    mus : sequence of float
+        Measurement variances.
+    policies : sequence of str
+        Names of policies.
+    realizations, seed : int
+        How much noise, and which.
+    settings : GridSettings, optional
+        Grid spacings.
+    on_infeasible : {"error", "limit"}
+        See `ems.problem.build_problem`.
+    jobs : int
+        Threads that solve and simulate; the result does not depend on it.
+    progress : callable, optional
+        Called with the number of finished tasks and of all tasks.
+
+    Returns
+    -------
+    Comparison
+        Cases in the order concept, mu, policy.
+
+    Raises
+    ------
+    EmsError
+        Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
+    """
+    names = _unique([find_policy(name).NAME for name in policies], "policy")
+    mus = _unique([float(mu) for mu in mus], "mu")
+    _unique([concept.name for concept in concepts], "concept")
+    settings = settings or GridSettings()
+    problems = [
+        build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible) for concept in concepts
+    ]
+    for mu in mus:
+        problems[0].with_mu(mu)
+    noise = draw_noise(seed, realizations, problems[0].steps)
+    tasks = [task for problem in problems for task in _tasks(problem, names, mus)]
+    found: dict[tuple[str, float, str], Case] = {}
+    run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered")
+    for done, cases in enumerate(run(joblib.delayed(_run)(task, noise) for task in tasks), 1):
+        found |= {(case.concept, case.mu, case.policy): case for case in cases}
+        if progress is not None:
+            progress(done, len(tasks))
+    driven = problems[0].cycle
+    return Comparison(
+        seed=seed,
+        cycle_name=cycle.name,
+        time_s=np.asarray(driven.time_s),
+        speed_mps=np.asarray(driven.speed_mps),
+        altitude_m=np.asarray(driven.altitude_m),
+        distance_m=float(problems[0].demand.distance_m),
+        cases=tuple(found[c.name, mu, name] for c in concepts for mu in mus for name in names),
+        settings={
+            "concepts": [concept.model_dump(mode="json") for concept in concepts],
+            "packs": [problem.pack.model_dump(mode="json") for problem in problems],
+            "mus": list(mus),
+            "policies": list(names),
+            "realizations": realizations,
+            "seed": seed,
+            "plant": "model",
+            "estimator": "model",
+            "on_infeasible": on_infeasible,
+            "grid": settings.model_dump(mode="json"),
+        },
+    )
+
+
+def _tasks(problem: Problem, policies: Iterable[str], mus: tuple[float, ...]) -> list[_Task]:
+    """List the solves, the long ones first: a policy that does not depend on mu is solved once."""
+    tasks = []
+    for name in policies:
+        groups = [(mu,) for mu in mus] if find_policy(name).DEPENDS_ON_MU else [mus]
+        tasks += [_Task(problem.with_mu(group[0]), name, group) for group in groups]
+    return tasks
+
+
+def _run(task: _Task, noise: Noise) -> list[Case]:
+    policy = build_policy(task.policy, task.problem)
+    concept = task.problem.concept
+    cases = []
+    for mu in task.mus:
+        problem = task.problem.with_mu(mu)
+        rollout = roll_out(problem, policy, noise)
+        consumption = [
+            problem.vehicle.fuel_l_per_100km(float(kg), problem.demand.distance_m) for kg in rollout.fuel_kg
+        ]
+        cases.append(
+            Case(
+                concept=concept.name,
+                mu=mu,
+                policy=task.policy,
+                rollout=rollout,
+                value_kg=policy.value_kg,
+                fuel_l_per_100km=np.array(consumption),
+                solve_s=policy.solve_s if mu == task.mus[0] else 0.0,
+                window=(concept.window.low, concept.window.high),
+                target_soc=concept.terminal.target_soc,
+            )
+        )
+    return cases
+
+
+def _unique(values: Sequence[Item], what: str) -> tuple[Item, ...]:
+    if not values:
+        raise EmsError(f"there is no {what} to compare; name at least one")
+    twice = [value for value in values if list(values).count(value) > 1]
+    if twice:
+        raise EmsError(f"the {what} {twice[0]!r} is given twice; name each once")
+    return tuple(values)

@@ -1,0 +1,7 @@
+"""The error of everything a user can get wrong about an energy-management problem."""
+
+from __future__ import annotations
+
+
+class EmsError(ValueError):
+    """Bad input to a problem, a policy or a comparison: says what was given, what is allowed, what to do."""
