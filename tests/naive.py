@@ -1,0 +1,140 @@
+"""Plain Python twins of the kernels: the same numbers by loops that can be read against the formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ems._sdp import SEGMENT
+
+
+def current(power_W, ocv_V, discharge_ohm, charge_ohm, low_A, high_A):
+    ohm = discharge_ohm if power_W < 0.0 else charge_ohm
+    root = math.sqrt(max(ocv_V**2 + 4.0 * ohm * power_W, 0.0))
+    i = 2.0 * power_W / (ocv_V + root)
+    if i < low_A:
+        return low_A, low_A * (ocv_V + discharge_ohm * low_A) - power_W
+    return min(i, high_A), 0.0
+
+
+def slopes(value):
+    """Fourth-order central slopes per cell, limited to three times the smaller secant, zero at extrema."""
+    n = len(value)
+    result = np.empty(n)
+    for j in range(n):
+        if 2 <= j < n - 2:
+            slope = (value[j - 2] - 8 * value[j - 1] + 8 * value[j + 1] - value[j + 2]) / 12.0
+        else:
+            below, above = max(j - 1, 0), min(j + 1, n - 1)
+            slope = (value[above] - value[below]) / (above - below)
+        if 0 < j < n - 1:
+            left, right = value[j] - value[j - 1], value[j + 1] - value[j]
+            if left * right <= 0.0:
+                slope = 0.0
+            else:
+                bound = 3.0 * min(abs(left), abs(right))
+                slope = math.copysign(min(max(slope * math.copysign(1.0, left), 0.0), bound), left)
+        result[j] = slope
+    return result
+
+
+def interpolate(value, x, cubic):
+    """Evaluate a table at a grid coordinate inside it."""
+    n = len(value)
+    at = math.floor(x)
+    t = x - at
+    pad = np.concatenate([np.asarray(value), [value[-1]] * 2])
+    if not cubic:
+        return (1 - t) * pad[at] + t * pad[at + 1]
+    d = np.concatenate([slopes(value), [0.0] * 2])
+    assert 0 <= at < n
+    h00, h10 = (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2
+    h01, h11 = t**2 * (3 - 2 * t), t**2 * (t - 1)
+    return h00 * pad[at] + h10 * d[at] + h01 * pad[at + 1] + h11 * d[at + 1]
+
+
+def smooth(value, weights):
+    """Apply a smoothing operator (taps, n); beyond its ends the table is constant."""
+    taps, n = weights.shape
+    half = taps // 2
+    return np.array(
+        [sum(weights[t, j] * value[min(max(j + t - half, 0), n - 1)] for t in range(taps)) for j in range(n)]
+    )
+
+
+def parabola(level, q, x):
+    """Lagrange weights of three levels from q on."""
+    p = level[q : q + 3]
+    return [
+        (x - p[1]) * (x - p[2]) / ((p[0] - p[1]) * (p[0] - p[2])),
+        (x - p[0]) * (x - p[2]) / ((p[1] - p[0]) * (p[1] - p[2])),
+        (x - p[0]) * (x - p[1]) / ((p[2] - p[0]) * (p[2] - p[1])),
+    ]
+
+
+def lowest_level(grid, variance):
+    return max(0, min(int(math.sqrt(variance) / grid.level_step - 0.5), len(grid.level) - 3))
+
+
+def segment_middles(shift):
+    """The node at which the variance levels of each node's segment are chosen."""
+    n, start, middles = len(shift), 0, np.empty(len(shift), dtype=int)
+    for j in range(1, n + 1):
+        if j == n or shift[j] != shift[start] or j - start == SEGMENT:
+            middles[start:j] = (start + j) // 2
+            start = j
+    return middles
+
+
+def stage(grid, scalars, cost_kg, power_W, after, penalty):
+    """One Bellman step; ``after`` and the result have shape (2, r, n)."""
+    n, rows = len(grid.ocv_V), penalty.shape[0]
+    now = np.empty((2, rows, n))
+    for r in range(rows):
+        tables = []
+        for q in range(len(grid.level)):
+            weights = grid.weights[grid.operator[r, q]]
+            off = smooth(after[0, grid.source_row[r, q]], weights)
+            on = smooth(after[1, grid.source_row[r, q]], weights)
+            tables.append((np.minimum(off, on + scalars.start_cost_kg), np.minimum(off, on)))
+        best = np.full((2, n), np.inf)
+        for c in range(len(power_W)):
+            engine = min(c, 1)
+            moves, amps, cost = np.empty(n), np.empty(n), np.empty(n)
+            for j in range(n):
+                i, missing_W = current(
+                    power_W[c],
+                    grid.ocv_V[j],
+                    grid.discharge_ohm[j],
+                    grid.charge_ohm[j],
+                    grid.current_low_A[j],
+                    grid.current_high_A[j],
+                )
+                amps[j] = abs(i)
+                cost[j] = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
+                moves[j] = min(max(scalars.charge_to_soc * i / grid.soc_step, -j), n - 1 - j)
+            middles = segment_middles(np.floor(moves).astype(int))
+            for j in range(n):
+                x = j + moves[j]
+                if len(grid.level) == 1:
+                    value = interpolate(tables[0][engine], x, grid.cubic)
+                else:
+                    variance = grid.posterior[r, j] + scalars.drift_per_A * amps[j]
+                    m = middles[j]
+                    q = lowest_level(grid, grid.posterior[r, m] + scalars.drift_per_A * amps[m])
+                    share = parabola(grid.level, q, variance)
+                    value = sum(
+                        share[i] * interpolate(tables[q + i][engine], x, grid.cubic) for i in range(3)
+                    )
+                best[engine, j] = min(best[engine, j], cost[j] + value)
+        now[:, r] = best + penalty[r]
+    return now
+
+
+def sweep(grid, scalars, stages, penalty, terminal):
+    """Solve backwards; the cost-to-go of every stage, shape (N + 1, 2, r, n)."""
+    result = [np.array([terminal, terminal])]
+    for k in range(stages.power_W.shape[0] - 1, -1, -1):
+        result.append(stage(grid, scalars, stages.cost_kg[k], stages.power_W[k], result[-1], penalty))
+    return np.array(result[::-1])

@@ -1,0 +1,209 @@
+"""Penalties, concepts, noise, statistics, rules and the comparison's book-keeping."""
+
+import dataclasses
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from ems_cases import full_problem, short_cycle, short_problem, without_noise
+from scipy import stats
+
+from ems import EmsError, GridSettings, build_policy, build_problem, draw_noise, load_concept, roll_out
+from ems.compare import compare
+from ems.concept import PRESETS, parse_concept
+from ems.penalty import Terminal, Window
+from ems.statistics import interval, mean_and_error
+from ems.summary import to_json
+
+COARSE = GridSettings(soc_step=0.01, deterministic_soc_step=0.005, variance_rows=5, torque_levels=5)
+
+
+def test_penalties_are_what_their_parameters_say():
+    window = Window(
+        low=0.3,
+        high=0.8,
+        jump_below_kgps=0.1,
+        slope_below_kgps=2.0,
+        jump_above_kgps=0.2,
+        slope_above_kgps=3.0,
+    )
+    gamma = window.penalty_kgps()
+    assert gamma([0.3, 0.5, 0.8]).tolist() == [0.0, 0.0, 0.0]
+    assert gamma([0.2, 0.9]) == pytest.approx([0.1 + 0.2, 0.2 + 0.3])
+    s, p = 0.31, 1e-4
+    normal = stats.norm(s, 0.01)
+    expected = 0.1 * normal.cdf(0.3) + 2.0 * normal.expect(lambda x: 0.3 - x, lb=0.2, ub=0.3)
+    assert gamma.expectation(s, p) == pytest.approx(expected, rel=2e-2)
+    upsilon = Terminal(target_soc=0.5, jump_below_kg=0.1, slope_below_kg=4.0, slope_above_kg=1.0).penalty_kg()
+    assert upsilon([0.4, 0.5, 0.6]) == pytest.approx([0.5, 0.0, 0.1])
+
+
+def test_a_window_over_all_soc_costs_nothing():
+    flat = {"jump_below_kgps": 1.0, "slope_below_kgps": 1.0, "jump_above_kgps": 1.0, "slope_above_kgps": 1.0}
+    gamma = Window(low=0.0, high=1.0, **flat).penalty_kgps()
+    assert not gamma.expectation([0.0, 0.3, 1.0], 1e-3).any()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("window", "high"), 1.2, "window.high"),
+        (("window", "low"), -0.1, "window.low"),
+        (("window", "low"), 0.8, "must be below"),
+        (("initial_soc",), 0.5, "outside the window"),
+        (("surprise",), 1, "surprise"),
+        (("uncertainty", "mu"), -1.0, "uncertainty.mu"),
+        (("terminal", "target_soc"), math.nan, "terminal.target_soc"),
+        (("initial_soc_sd",), "much", "initial_soc_sd"),
+    ],
+)
+def test_a_bad_concept_is_refused_with_its_place(path, value, message):
+    data = tomllib.loads((PRESETS / "hev.toml").read_text())
+    place = data
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(EmsError, match=message):
+        parse_concept(data, "mine.toml")
+
+
+def test_concepts_by_name_and_path(tmp_path):
+    with pytest.raises(EmsError, match="did you mean 'phev'"):
+        load_concept("pheev")
+    with pytest.raises(EmsError, match="cannot read"):
+        load_concept(tmp_path / "none.toml")
+    bad = tmp_path / "bad.toml"
+    bad.write_text("name = ")
+    with pytest.raises(EmsError, match="not valid TOML"):
+        load_concept(bad)
+    mine = tmp_path / "mine.toml"
+    mine.write_text((PRESETS / "hev.toml").read_text().replace('name = "hev"', 'name = "mine"'))
+    assert load_concept(mine).name == "mine"
+    assert load_concept(mine).load_pack().name == "hev"
+
+
+def test_noise_is_antithetic_standard_and_independent_of_how_much_is_drawn():
+    noise, more = draw_noise(4, 7, 500), draw_noise(4, 40, 500)
+    assert np.array_equal(noise.process, more.process[:7])
+    assert np.array_equal(noise.initial, more.initial[:7])
+    assert np.array_equal(more.measurement[::2], -more.measurement[1::2])
+    assert not np.array_equal(draw_noise(5, 7, 500).process, noise.process)
+    assert stats.kstest(more.process[::2].ravel(), "norm").pvalue > 1e-3
+    for realizations, seed in ((0, 1), (-3, 1), (4, -1)):
+        with pytest.raises(EmsError):
+            draw_noise(seed, realizations, 10)
+
+
+def test_standard_error_is_that_of_the_pairs():
+    values = np.random.default_rng(0).normal(size=40)
+    pairs = values.reshape(-1, 2).mean(axis=1)
+    mean, error = mean_and_error(values)
+    assert mean == pytest.approx(values.mean())
+    assert error == pytest.approx(pairs.std(ddof=1) / math.sqrt(20))
+    _, limits = interval(values)
+    half = stats.t.ppf(0.975, 19) * error
+    assert limits == pytest.approx((mean - half, mean + half))
+    assert mean_and_error(np.array([3.0, 5.0])) == (4.0, None)
+    assert mean_and_error(np.array([3.0, 5.0, 4.0]))[1] is not None
+
+
+def test_interval_covers_its_mean_in_95_of_100():
+    rng = np.random.default_rng(1)
+    hits = 0
+    for _ in range(2000):
+        z = rng.normal(size=10)
+        values = np.exp(0.5 * np.column_stack([z, -z]).ravel())
+        low, high = interval(values)[1]
+        hits += low <= math.exp(0.125) <= high
+    assert 0.90 < hits / 2000 < 0.97
+
+
+def test_an_estimate_that_moves_without_noise_follows_the_charge():
+    problem = without_noise(short_problem("phev", 300))
+    rollout = roll_out(problem, build_policy("rule_based", problem), draw_noise(0, 1, problem.steps))
+    charge = np.concatenate([[0.0], np.cumsum(rollout.current_A[0].astype(float))]) / problem.pack.capacity_C
+    assert np.allclose(rollout.soc[0], problem.concept.initial_soc + charge, atol=1e-6)
+    assert np.allclose(rollout.soc_estimate, rollout.soc, atol=1e-7)
+
+
+def test_rules_keep_the_battery_and_follow_the_cycle():
+    for concept in ("hev", "phev"):
+        problem = full_problem(concept)
+        rollout = roll_out(problem, build_policy("rule_based", problem), draw_noise(2, 20, problem.steps))
+        assert rollout.shortfall_kg.max() < 1e-3
+        assert rollout.soc.min() > problem.concept.window.low - 0.15
+        assert rollout.outside_window.mean() < 0.1
+        torque, on = rollout.engine_torque_Nm, rollout.engine_on[:, :-1]
+        assert not torque[~on].any()
+
+
+def test_comparison_is_complete_paired_and_independent_of_the_workers():
+    concepts = [load_concept("hev"), load_concept("phev")]
+    options = {"mus": (1e-3, 4e-3), "realizations": 4, "seed": 3, "settings": COARSE}
+    seen = []
+    one = compare(concepts, short_cycle(), jobs=1, progress=lambda *done: seen.append(done), **options)
+    two = compare(concepts, short_cycle(), jobs=2, **options)
+    assert seen[-1] == (len(seen), len(seen))
+    assert len(one.cases) == 2 * 2 * 4
+    result, again = to_json(one), to_json(two)
+    for case in result["cases"] + again["cases"]:
+        case["solve_s"] = 0.0
+    assert result == again
+    for a, b in zip(one.cases, two.cases, strict=True):
+        assert np.array_equal(a.rollout.soc, b.rollout.soc)
+    assert {pair["versus"] for pair in result["paired"]} == {
+        "certainty_equivalent",
+        "perfect_information",
+        "rule_based",
+    }
+    first = result["paired"][0]
+    cases = {(c.concept, c.mu, c.policy): c.rollout.cost_kg for c in one.cases}
+    key = first["concept"], first["mu"]
+    expected = np.mean(cases[*key, first["policy"]] - cases[*key, first["versus"]])
+    assert first["cost_kg"]["mean"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mus": (-1.0,)}, "mu is -1"),
+        ({"mus": ()}, "no mu"),
+        ({"mus": (1e-3, 1e-3)}, "twice"),
+        ({"realizations": 0}, "0 realizations"),
+        ({"policies": ("stochastik",)}, "did you mean 'stochastic'"),
+        ({"policies": ()}, "no policy"),
+    ],
+)
+def test_a_bad_comparison_is_refused(change, message):
+    with pytest.raises(EmsError, match=message):
+        compare([load_concept("hev")], short_cycle(), **({"settings": COARSE, "realizations": 2} | change))
+
+
+def test_a_cycle_that_is_too_hard_is_refused_or_limited(tmp_path):
+    from drivecycles import load_cycle
+
+    concept = load_concept("hev")
+    with pytest.raises(EmsError, match=r"cannot follow 'us06' in \d+ of 600 steps: at t = "):
+        build_problem(concept, load_cycle("us06"), settings=COARSE)
+    problem = build_problem(concept, load_cycle("us06"), settings=COARSE, on_infeasible="limit")
+    rollout = roll_out(problem, build_policy("stochastic", problem), draw_noise(0, 2, problem.steps))
+    assert rollout.shortfall_kg.min() > 0.0
+
+
+def test_a_cycle_of_another_step_is_resampled():
+    cycle = short_cycle().resample(0.5)
+    problem = build_problem(load_concept("hev"), cycle, settings=COARSE)
+    assert problem.steps == 120
+    half = build_problem(load_concept("hev"), cycle, settings=COARSE, step_s=0.5)
+    assert half.steps == 240
+    assert half.scalars.drift == pytest.approx(0.5e-6)
+
+
+def test_solution_interpolates_its_own_nodes():
+    policy = build_policy("stochastic", short_problem("hev"))
+    solution = policy.solution
+    for r in (0, 2, 4):
+        value = solution.value_kg(float(solution.soc[20]), float(solution.grid.level[r]))
+        assert value == pytest.approx(solution.first_kg[0, r, 20], rel=1e-12)
+    assert dataclasses.is_dataclass(solution)
