@@ -11,7 +11,7 @@ its window or the discharge would pass the maximum-power point ``-V_oc / (2 R)``
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
@@ -22,6 +22,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from bms.ocv import OcvCurve
 
 Table = tuple[float, ...]
+
+
+@lru_cache(maxsize=32)
+def _curve(soc: tuple[float, ...], ocv_V: tuple[float, ...], slope_floor: float) -> OcvCurve:
+    """Build a curve once per table; a property cached on the pack would survive a copy with other tables."""
+    return OcvCurve(np.array(soc), np.array(ocv_V), slope_floor)
 
 
 class Pack(BaseModel):
@@ -78,10 +84,10 @@ class Pack(BaseModel):
             raise ValueError(f"voltage_min_V {low_V:g} is not below voltage_max_V {high_V:g}")
         return self
 
-    @cached_property
+    @property
     def ocv(self) -> OcvCurve:
         """The open-circuit voltage curve."""
-        return OcvCurve(np.array(self.soc), np.array(self.ocv_V), self.slope_floor)
+        return _curve(self.soc, self.ocv_V, self.slope_floor)
 
     @property
     def capacity_C(self) -> float:

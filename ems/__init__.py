@@ -1,5 +1,6 @@
 """What to do about a state of charge that is only estimated: policies, and what they are worth."""
 
+from ems import _kernels as _kernels
 from ems.concept import Concept, concept_names, load_concept
 from ems.errors import EmsError
 from ems.grid import GridSettings

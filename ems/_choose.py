@@ -14,16 +14,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ems._interpolate import level_weights
-from ems._sdp import Grid, Scalars, solve_current
+from bms._levels import level_weights
+from ems._sdp import Grid, Scalars, repeats, solve_current
 
 Array = NDArray[np.float64]
 
 ESTIMATE, CERTAIN, TRUTH = 0, 1, 2  # what a policy acts on: (estimate, variance), estimate alone, true SOC
 
-# five-point Gauss-Hermite rule of the standard normal distribution
-NODES = np.polynomial.hermite_e.hermegauss(5)[0]
-WEIGHTS = np.polynomial.hermite_e.hermegauss(5)[1] / np.sqrt(2.0 * np.pi)
+# Three-point Gauss-Hermite rule of the standard normal, exact to the fifth degree: the cost-to-go is
+# smooth over the spread of one innovation, because the belief is several times wider
+POINT = np.sqrt(3.0)
+NODES = np.array([-POINT, 0.0, POINT])
+WEIGHTS = np.array([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
+MIDDLE = 1
 
 
 class Action(NamedTuple):
@@ -92,7 +95,7 @@ def expected_cost_to_go(
     off = on = 0.0
     single = spread <= 0.0
     for m in range(NODES.size):
-        if single and m != 2:
+        if single and m != MIDDLE:
             continue
         weight = 1.0 if single else WEIGHTS[m]
         x = (soc + spread * NODES[m] - grid.soc_first) / grid.soc_step
@@ -148,6 +151,8 @@ def choose(
     best = np.inf
     control, engine_next = first, engine_on
     for c in range(first, last):
+        if repeats(power_W, cost_kg, c):
+            continue
         i, missing_W = solve_current(power_W[c], ocv_V, discharge_ohm, charge_ohm, low_A, high_A)
         drift = scalars.drift + scalars.drift_per_A * abs(i)
         width, variance = spread, posterior + drift

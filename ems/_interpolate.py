@@ -69,22 +69,3 @@ def hermite_weights(t: float, cubic: bool) -> tuple[float, float, float, float]:
         r = 1.0 - t
         return (1.0 + 2.0 * t) * r * r, t * r * r, t * t * (3.0 - 2.0 * t), -t * t * r
     return 1.0 - t, 0.0, t, 0.0
-
-
-@njit(cache=True, inline="always")
-def first_level(level_step: float, levels: int, variance: float) -> int:
-    """Lowest of the three levels (uniform in their square root) that surround a variance."""
-    return max(0, min(int(np.sqrt(variance) / level_step - 0.5), levels - 3))
-
-
-@njit(cache=True, nogil=True)
-def level_weights(level: Array, level_step: float, variance: float) -> tuple[int, tuple[float, float, float]]:
-    """Weights of the quadratic through the three levels around a variance, and the first of them."""
-    q = first_level(level_step, level.size, variance)
-    p0, p1, p2 = level[q], level[q + 1], level[q + 2]
-    x0, x1, x2 = variance - p0, variance - p1, variance - p2
-    return q, (
-        x1 * x2 / ((p0 - p1) * (p0 - p2)),
-        x0 * x2 / ((p1 - p0) * (p1 - p2)),
-        x0 * x1 / ((p2 - p0) * (p2 - p1)),
-    )

@@ -13,24 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bms._filter import Filter, at_soc, expected_measurement_variance, step_belief
 from ems._choose import ESTIMATE, TRUTH, choose, pack_at
-from ems._interpolate import level_weights
 from ems._rules import Rules, choose_by_rule
 from ems._sdp import Grid, Scalars, Stages, solve_current
 
 Array = NDArray[np.float64]
 
 RULES = 3  # acts_on of the rule-based policy
-
-
-class Filter(NamedTuple):
-    """Expected measurement variance over uniform SOC nodes on [0, 1] and levels uniform in sqrt(p)."""
-
-    alpha: Array  # (a,) alpha on a uniform grid on [0, 1]
-    mu: float
-    level_step: float
-    level: Array  # (l,)
-    measured: Array  # (l, m) expected variance of the measurement
 
 
 class Tracks(NamedTuple):
@@ -45,52 +35,11 @@ class Tracks(NamedTuple):
     missing_kg: Array
 
 
-@njit(cache=True, inline="always")
-def _linear(table: Array, soc: float) -> float:
-    x = min(max(soc, 0.0), 1.0) * (table.size - 1)
-    at = min(int(x), table.size - 2)
-    return float(table[at] + (x - at) * (table[at + 1] - table[at]))
-
-
-@njit(cache=True, nogil=True)
-def expected_measurement_variance(known: Filter, soc: float, variance: float) -> float:
-    """Expected variance of the measurement at a belief, [L] eq 10, from the filter's table."""
-    inside = min(variance, known.level[known.level.size - 1])
-    q, (a, b, c) = level_weights(known.level, known.level_step, inside)
-    value = a * _linear(known.measured[q], soc)
-    value += b * _linear(known.measured[q + 1], soc) + c * _linear(known.measured[q + 2], soc)
-    return max(value, 0.0)
-
-
-@njit(cache=True, nogil=True)
-def step_belief(
-    known: Filter, soc: float, variance: float, moved: float, drift: float, innovation: float
-) -> tuple[float, float]:
-    """Move the belief over one step, [L] eqs 5, 8, 9.
-
-    Parameters
-    ----------
-    known : Filter
-    soc, variance : float
-        The belief.
-    moved : float
-        Charge passed, in SOC.
-    drift : float
-        Process variance of the step.
-    innovation : float
-        Measured less estimated SOC.
-    """
-    measured = expected_measurement_variance(known, soc, variance)
-    total = variance + measured
-    gain = variance / total if total > 0.0 else 0.0
-    estimate = min(max(soc + moved + gain * innovation, 0.0), 1.0)
-    return estimate, gain * measured + drift
-
-
 @njit(cache=True, nogil=True)
 def simulate(
     acts_on: int,
     grid: Grid,
+    pack: Grid,
     scalars: Scalars,
     stages: Stages,
     shortfall_kg: Array,
@@ -109,7 +58,9 @@ def simulate(
     acts_on : int
         ESTIMATE, CERTAIN, TRUTH or RULES.
     grid, scalars, stages, shortfall_kg, cost_to_go, rules, known
-        Problem, policy and filter; ``cost_to_go`` and ``rules`` are read where the policy needs them.
+        Problem, policy and filter; ``grid``, ``cost_to_go``, ``rules`` are read where a policy needs them.
+    pack : Grid
+        Gives the battery's tables to every policy alike.
     belief_space : bool
         Draw the innovation from the belief instead of simulating the truth.
     process, measurement : ndarray, shape (n, N)
@@ -145,7 +96,7 @@ def simulate(
                     spread,
                     engine,
                 )
-            ocv_V, discharge_ohm, charge_ohm, low_A, high_A = pack_at(grid, seen)
+            ocv_V, discharge_ohm, charge_ohm, low_A, high_A = pack_at(pack, seen)
             i, missing_W = solve_current(
                 stages.power_W[k, control], ocv_V, discharge_ohm, charge_ohm, low_A, high_A
             )
@@ -158,7 +109,7 @@ def simulate(
                 if belief_space:
                     noise = np.sqrt(p + expected_measurement_variance(known, soc, p)) * measurement[r, k]
                 else:
-                    noise = true - soc + np.sqrt(known.mu * _linear(known.alpha, true)) * measurement[r, k]
+                    noise = true - soc + np.sqrt(known.mu * at_soc(known.alpha, true)) * measurement[r, k]
                 tracks.estimate[r, k + 1], tracks.variance[r, k + 1] = step_belief(
                     known, soc, p, moved, drift, noise
                 )

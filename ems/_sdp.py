@@ -35,7 +35,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ems._interpolate import first_level, hermite_weights, node_pairs
+from bms._levels import first_level
+from ems._interpolate import hermite_weights, node_pairs
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -95,6 +96,14 @@ def solve_current(
     return min(current_A, high_A), 0.0
 
 
+@njit(cache=True, inline="always")
+def repeats(power_W: Array, cost_kg: Array, control: int) -> bool:
+    """Whether a control does the same as the one before: the clutch cannot close, or a limit binds."""
+    return bool(
+        control > 1 and power_W[control] == power_W[control - 1] and cost_kg[control] == cost_kg[control - 1]
+    )
+
+
 @njit(cache=True, nogil=True)
 def _smooth(padded: Array, weights: Array, out: Array) -> None:
     """Apply a smoothing operator, shape (taps, n), to values padded by taps // 2 nodes on either side."""
@@ -134,6 +143,8 @@ def _stage_moves(
     n = grid.ocv_V.size
     largest = 0.0
     for c in range(power_W.size):
+        if repeats(power_W, cost_kg, c):
+            continue
         for j in range(n):
             i, missing_W = solve_current(
                 power_W[c],
@@ -325,7 +336,8 @@ def sweep(
     for k in range(steps - 1, -1, -1):
         largest_A = _stage_moves(grid, scalars, stages.power_W[k], stages.cost_kg[k], amps, cost, part, shift)
         for c in range(controls):
-            segments[c] = _segments(shift[c], bounds[c])
+            same = repeats(stages.power_W[k], stages.cost_kg[k], c)
+            segments[c] = 0 if same else _segments(shift[c], bounds[c])
         for r in range(rows):
             first, last = 0, 0
             if levels > 1:

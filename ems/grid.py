@@ -40,7 +40,7 @@ class GridSettings(BaseModel):
 
     soc_step: float = Field(default=0.0025, gt=0.0, le=0.05, description="SOC spacing under noise")
     deterministic_soc_step: float = Field(
-        default=0.0005, gt=0.0, le=0.05, description="SOC spacing of the certainty-equivalent program"
+        default=0.00025, gt=0.0, le=0.05, description="SOC spacing of the certainty-equivalent program"
     )
     variance_rows: int = Field(default=10, ge=4, le=400, description="rows of the variance grid")
     process_levels: int = Field(default=6, ge=3, le=100, description="levels of perfect information")
@@ -162,6 +162,8 @@ def _grid(
     low_A, high_A = pack.current_limits_A(nodes)
     weights = smoothing_weights(spread, soc_step)
     used = np.abs(weights).max(axis=2) > NEGLIGIBLE_WEIGHT
+    weights[~used] = 0.0
+    weights /= weights.sum(axis=1, keepdims=True)
     distance = np.abs(np.arange(weights.shape[1]) - weights.shape[1] // 2)
     fastest = max(pack.discharge_limit_A, pack.charge_limit_A) * step_s / pack.capacity_C
     return Grid(

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bms.filtering import tabulate_filter
 from ems._choose import TRUTH
 from ems._rollout import Tracks, simulate
 from ems._rules import Rules
-from ems.filtering import tabulate_filter
+from ems._sdp import Grid
 from ems.grid import deterministic_grid
 from ems.noise import Noise
 from ems.policies import AnyPolicy, CostToGoPolicy
@@ -16,6 +17,8 @@ from ems.problem import Problem
 from ems.records import Rollout
 
 Array = NDArray[np.float64]
+
+PACK_NODES = 401
 
 
 def roll_out(problem: Problem, policy: AnyPolicy, noise: Noise, *, belief_space: bool = False) -> Rollout:
@@ -38,11 +41,12 @@ def roll_out(problem: Problem, policy: AnyPolicy, noise: Noise, *, belief_space:
     if isinstance(policy, CostToGoPolicy):
         grid, cost_to_go, rules = policy.solution.grid, policy.solution.cost_to_go_kg, _no_rules()
     else:
-        grid = deterministic_grid(np.linspace(0.0, 1.0, 401), problem.pack, problem.step_s)
+        grid = plant_grid(problem)
         cost_to_go, rules = np.zeros((1, 2, 1, 1), dtype=np.float32), policy.rules
     simulate(
         policy.acts_on,
         grid,
+        plant_grid(problem),
         problem.scalars,
         problem.stages,
         problem.shortfall_kg,
@@ -61,21 +65,31 @@ def start_tracks(problem: Problem, noise: Noise, *, knows_truth: bool, belief_sp
     """Allocate the tracks of a rollout and set their first column: the belief and, around it, the truth."""
     concept = problem.concept
     realizations, steps = noise.process.shape
-    states = (realizations, steps + 1)
-    tracks = Tracks(
-        soc=np.empty(states),
-        estimate=np.empty(states),
-        variance=np.empty(states),
-        engine_on=np.zeros(states, dtype=np.int8),
-        control=np.zeros((realizations, steps), dtype=np.int32),
-        current_A=np.empty((realizations, steps)),
-        missing_kg=np.empty((realizations, steps)),
-    )
+    tracks = allocate_tracks(realizations, steps)
     truth = np.clip(concept.initial_soc + concept.initial_soc_sd * noise.initial, 0.0, 1.0)
     tracks.soc[:, 0] = concept.initial_soc if belief_space else truth
     tracks.estimate[:, 0] = truth if knows_truth else concept.initial_soc
     tracks.variance[:, 0] = 0.0 if knows_truth else concept.initial_soc_sd**2
     return tracks
+
+
+def allocate_tracks(realizations: int, steps: int) -> Tracks:
+    """Allocate the tracks of a number of realizations, the engine off throughout."""
+    states, inputs = (realizations, steps + 1), (realizations, steps)
+    return Tracks(
+        soc=np.empty(states),
+        estimate=np.empty(states),
+        variance=np.empty(states),
+        engine_on=np.zeros(states, dtype=np.int8),
+        control=np.zeros(inputs, dtype=np.int32),
+        current_A=np.empty(inputs),
+        missing_kg=np.empty(inputs),
+    )
+
+
+def plant_grid(problem: Problem) -> Grid:
+    """Tabulate the pack over all SOC, for the plant's circuit."""
+    return deterministic_grid(np.linspace(0.0, 1.0, PACK_NODES), problem.pack, problem.step_s)
 
 
 def summarise(problem: Problem, tracks: Tracks, *, belief_space: bool = False) -> Rollout:

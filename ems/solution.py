@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from bms import PiecewiseLinear
-from ems._interpolate import level_weights
+from bms._levels import level_weights
 from ems._sdp import Grid, sweep
 from ems.problem import Problem
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 
 def groups(realizations: int) -> int:
@@ -41,15 +41,23 @@ def mean_and_error(values: NDArray[Any]) -> tuple[float, float | None]:
     return mean, math.sqrt(count / (count - 1) * float(np.square(deviations).sum()))
 
 
-def half_width(error: float | None, realizations: int) -> float | None:
-    """Half width of the 95 % interval of a mean with a standard error."""
-    if error is None:
-        return None
-    return float(student.ppf(0.975, groups(realizations) - 1)) * error
+def half_width(error: float | None, realizations: int) -> float:
+    """Half width of the 95 % interval of a mean with a standard error; NaN where there is none."""
+    if error is None or groups(realizations) < 2:
+        return math.nan
+    return float(stdtrit(groups(realizations) - 1, 0.975)) * error
 
 
 def interval(values: NDArray[Any]) -> tuple[float, tuple[float, float] | None]:
     """Mean and its 95 % interval; no interval where there are fewer than two groups."""
     mean, error = mean_and_error(values)
+    if error is None:
+        return mean, None
     half = half_width(error, np.asarray(values).size)
-    return mean, None if half is None else (mean - half, mean + half)
+    return mean, (mean - half, mean + half)
+
+
+def mean_interval(values: NDArray[Any]) -> tuple[float, float]:
+    """Mean and half width of its 95 % interval, NaN where there is none: what an error bar takes."""
+    mean, error = mean_and_error(values)
+    return mean, half_width(error, np.asarray(values).size)

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from scipy import stats
 from synthetic import POLICIES, make_comparison
 
+from ems.statistics import half_width, mean_interval
 from socwise import figures
 from socwise.figures.files import _figures
 from socwise.figures.operation import on_intervals
-from socwise.intervals import half_width, mean_interval
 from socwise.labels import middle, policy_style
 from socwise.thinning import extremes, stride_for
 
@@ -212,10 +212,11 @@ def test_stride_leaves_no_more_stretches_than_asked_for():
     assert extremes(np.array([]), 3).size == 0
 
 
-def test_intervals_are_student_t():
-    values = np.array([1.0, 2.0, 4.0, 8.0])
+def test_intervals_are_student_t_over_the_pairs():
+    values = np.array([1.0, 3.0, 4.0, 8.0, 2.0, 5.0])
     mean, width = mean_interval(values)
-    low, high = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
+    pairs = values.reshape(-1, 2).mean(axis=1)
+    low, high = stats.t.interval(0.95, 2, pairs.mean(), stats.sem(pairs))
     assert (mean - width, mean + width) == (pytest.approx(low), pytest.approx(high))
     assert half_width(1.0, 10_000_000) == pytest.approx(stats.norm.ppf(0.975), rel=1e-6)
     assert mean_interval([3.0])[0] == 3.0

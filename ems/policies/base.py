@@ -9,9 +9,9 @@ from typing import Protocol, final
 import numpy as np
 
 from bms import SocBelief
+from bms._filter import Filter, expected_measurement_variance
+from bms.filtering import tabulate_filter
 from ems._choose import ESTIMATE, Action, choose
-from ems._rollout import Filter, expected_measurement_variance
-from ems.filtering import tabulate_filter
 from ems.problem import Problem
 from ems.solution import Solution
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ems.records import Case
+from ems.statistics import mean_interval
 from socwise.figures.style import INK, LIMIT, finish, new_axes
-from socwise.intervals import mean_interval
 from socwise.labels import STOCHASTIC, policy_style
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ems.records import Case
+from ems.statistics import mean_interval
 from socwise.figures.operation import KMH_PER_MPS, on_intervals
-from socwise.intervals import mean_interval
 from socwise.labels import STOCHASTIC, concept_label, policy_style
 from socwise.report.answer import saving
 from socwise.thinning import extremes, stride_for

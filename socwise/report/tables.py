@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from socwise.intervals import half_width
+from ems.statistics import half_width
 from socwise.labels import PERFECT_INFORMATION, concept_label, policy_style
 from socwise.report.answer import Finding, Saving
 from socwise.report.sentences import verdict

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bms import Pack, UncertaintyModel
-from ems._rollout import Filter
+from bms._filter import Filter
+from bms.pack import Pack
+from bms.uncertainty import UncertaintyModel
 
 SOC_NODES = 401
 LEVELS = 24

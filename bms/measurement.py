@@ -1,0 +1,25 @@
+"""What a battery plant reports to the battery-management system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One sample of a plant.
+
+    Parameters
+    ----------
+    current_A : float
+        Current that flowed during the step, > 0 charges.
+    soc_from_voltage : float or None
+        The SOC that the voltage says, [L] eq 2, at the start of the step; None where the plant reports a
+        voltage.
+    voltage_V : float or None
+        Terminal voltage; None where the plant reports a SOC.
+    """
+
+    current_A: float
+    soc_from_voltage: float | None = None
+    voltage_V: float | None = None

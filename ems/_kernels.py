@@ -1,0 +1,11 @@
+"""Every module with a kernel of the energy management, checked against its cache when `ems` is imported."""
+
+from __future__ import annotations
+
+from bms import _filter, _levels
+from ems import _choose, _interpolate, _rollout, _rules, _sdp
+from gpc.kernel_cache import discard_stale
+
+MODULES = (_levels, _filter, _interpolate, _sdp, _choose, _rules, _rollout)
+
+discard_stale(MODULES)

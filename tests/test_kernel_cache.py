@@ -1,0 +1,61 @@
+"""A change of a callee recompiles its callers."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+from gpc.kernel_cache import STAMP
+
+
+def run(folder):
+    script = """
+    import demo_callee, demo_caller
+    from gpc.kernel_cache import discard_stale
+    discarded = discard_stale([demo_callee, demo_caller])
+    print(discarded, demo_caller.double())
+    """
+    environment = dict(
+        os.environ, PYTHONPATH=os.pathsep.join([str(folder), *sys.path]), PYTHONDONTWRITEBYTECODE="1"
+    )
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+def write(path, text, time_s):
+    path.write_text(textwrap.dedent(text))
+    os.utime(path, (time_s, time_s))
+
+
+def test_callers_follow_their_callees(tmp_path):
+    callee, caller = tmp_path / "demo_callee.py", tmp_path / "demo_caller.py"
+    kernel = "from numba import njit\n@njit(cache=True)\ndef one():\n    return {}\n"
+    write(callee, kernel.format(1), 1_000_000_000)
+    write(
+        caller,
+        "from numba import njit\nfrom demo_callee import one\n"
+        "@njit(cache=True)\ndef double():\n    return 2 * one()\n",
+        1_000_000_000,
+    )
+    assert run(tmp_path)[1] == "2"
+    assert run(tmp_path) == ["False", "2"]
+    write(callee, kernel.format(5), 1_000_000_000)
+    assert run(tmp_path) == ["True", "10"]
+    assert list(tmp_path.rglob(STAMP))
+
+
+def test_the_house_checks_its_own_kernels():
+    import ems
+
+    assert ems.__doc__
+    code = "import ems, ems._sdp as k; print(k.sweep.stats.cache_path)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert len((Path(done.stdout.strip()) / STAMP).read_text(encoding="ascii")) == 64
