@@ -2,7 +2,7 @@
 
 from ems import _kernels as _kernels
 from ems.concept import Concept, concept_names, load_concept
-from ems.errors import EmsError
+from ems.errors import EmsError, GridWarning
 from ems.grid import GridSettings
 from ems.noise import Noise, draw_noise
 from ems.policies import build_policy, policy_names
@@ -16,6 +16,7 @@ __all__ = [
     "Concept",
     "EmsError",
     "GridSettings",
+    "GridWarning",
     "Noise",
     "Problem",
     "Rollout",

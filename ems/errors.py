@@ -5,3 +5,7 @@ from __future__ import annotations
 
 class EmsError(ValueError):
     """Bad input to a problem, a policy or a comparison: says what was given, what is allowed, what to do."""
+
+
+class GridWarning(UserWarning):
+    """A rollout left the grid that its policy was solved on, so the policy extrapolated."""

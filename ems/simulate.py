@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from ems._choose import TRUTH
 from ems._rollout import Tracks, simulate
 from ems._rules import Rules
 from ems._sdp import Grid
+from ems.errors import GridWarning
 from ems.grid import deterministic_grid
 from ems.noise import Noise
 from ems.policies import AnyPolicy, CostToGoPolicy
@@ -19,6 +22,7 @@ from ems.records import Rollout
 Array = NDArray[np.float64]
 
 PACK_NODES = 401
+OUTSIDE_TOLERATED = 0.005
 
 
 def roll_out(problem: Problem, policy: AnyPolicy, noise: Noise, *, belief_space: bool = False) -> Rollout:
@@ -58,7 +62,24 @@ def roll_out(problem: Problem, policy: AnyPolicy, noise: Noise, *, belief_space:
         noise.measurement,
         tracks,
     )
+    if isinstance(policy, CostToGoPolicy):
+        _warn_outside(policy, tracks.soc if policy.acts_on == TRUTH else tracks.estimate)
     return summarise(problem, tracks, belief_space=belief_space)
+
+
+def _warn_outside(policy: CostToGoPolicy, soc: Array) -> None:
+    nodes = policy.solution.soc
+    share = float(np.mean((soc < nodes[0]) | (soc > nodes[-1])))
+    if share > OUTSIDE_TOLERATED:
+        concept = policy.problem.concept
+        warnings.warn(
+            f"{policy.name} on {concept.name!r}: {share:.1%} of the samples lie outside the SOC grid"
+            f" {nodes[0]:.2f} to {nodes[-1]:.2f}, where the cost-to-go is held constant, and its cost is not"
+            " to be trusted; the penalties do not keep the SOC near its window: make them steeper,"
+            " or widen the grid (GridSettings.soc_margin)",
+            GridWarning,
+            stacklevel=3,
+        )
 
 
 def start_tracks(problem: Problem, noise: Noise, *, knows_truth: bool, belief_space: bool = False) -> Tracks:

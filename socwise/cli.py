@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import io
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
@@ -79,6 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             # A terminal that knows no Greek letters gets question marks instead of a traceback.
             stream.reconfigure(errors="replace")
+    shown, warnings.showwarning = warnings.showwarning, _show_warning
     try:
         code = _run(arguments)
     except KeyboardInterrupt:
@@ -89,9 +91,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except user_errors() as error:
         complain(str(error))
         code = BAD_INPUT
+    finally:
+        warnings.showwarning = shown
     if code == INTERRUPTED:
         complain("interrupted")
     return code
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    complain(f"warning: {message}")
 
 
 def _run(arguments: Sequence[str] | None) -> int:

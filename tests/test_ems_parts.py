@@ -9,7 +9,16 @@ import pytest
 from ems_cases import full_problem, short_cycle, short_problem, without_noise
 from scipy import stats
 
-from ems import EmsError, GridSettings, build_policy, build_problem, draw_noise, load_concept, roll_out
+from ems import (
+    EmsError,
+    GridSettings,
+    GridWarning,
+    build_policy,
+    build_problem,
+    draw_noise,
+    load_concept,
+    roll_out,
+)
 from ems.compare import compare
 from ems.concept import PRESETS, parse_concept
 from ems.penalty import Terminal, Window
@@ -189,6 +198,19 @@ def test_a_cycle_that_is_too_hard_is_refused_or_limited(tmp_path):
     problem = build_problem(concept, load_cycle("us06"), settings=COARSE, on_infeasible="limit")
     rollout = roll_out(problem, build_policy("stochastic", problem), draw_noise(0, 2, problem.steps))
     assert rollout.shortfall_kg.min() > 0.0
+
+
+def test_leaving_the_grid_is_said():
+    problem = short_problem("hev", 600)
+    free = {key: 0.0 for key in problem.concept.window.model_dump() if key.endswith("kgps")}
+    window = problem.concept.window.model_copy(update=free | {"low": 0.6})
+    terminal = problem.concept.terminal.model_copy(update={"jump_below_kg": 0.0, "slope_below_kg": 0.0})
+    lax = problem.concept.model_copy(update={"window": window, "terminal": terminal})
+    narrow = problem.settings.model_copy(update={"soc_margin": 0.01})
+    loose = dataclasses.replace(problem, concept=lax, settings=narrow)
+    policy = build_policy("stochastic", loose)
+    with pytest.warns(GridWarning, match="outside the SOC grid"):
+        roll_out(loose, policy, draw_noise(0, 2, loose.steps))
 
 
 def test_a_cycle_of_another_step_is_resampled():

@@ -39,7 +39,7 @@ class Saving:
         return -1 if self.high < 0.0 else 0
 
     def in_per_cent(self) -> tuple[float, float, float]:
-        """Return mean, low and high in per cent of the baseline; NaN where it is next to nothing against them."""
+        """Return mean, low and high in per cent of the baseline; NaN where it is small against them."""
         largest = max(abs(self.absolute), abs(self.low), abs(self.high))
         scale = 100.0 / self.baseline if self.baseline > 0.5 * largest else math.nan
         return scale * self.absolute, scale * self.low, scale * self.high
