@@ -41,7 +41,7 @@ from ems._interpolate import hermite_weights, node_pairs
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SEGMENT = 48  # most nodes of a segment: the variance rows are chosen at its middle
+SEGMENT = 48  # most nodes of a segment
 
 
 class Grid(NamedTuple):
@@ -247,6 +247,28 @@ def _three_levels(
 
 
 @njit(cache=True, nogil=True)
+def _same_levels(
+    grid: Grid, posterior: Array, per_A: float, amps: Array, lo: int, hi: int
+) -> tuple[int, int]:
+    """Halve the nodes lo..hi until first, middle and last have the same levels; return these and the end.
+
+    A parabola used beyond its levels would extrapolate, and a recursion that extrapolates blows up.
+    """
+    count = grid.level.size
+    q = first_level(grid.level_step, count, posterior[lo] + per_A * amps[lo])
+    end = hi
+    while end - lo > 1:
+        middle, last = (lo + end) // 2, end - 1
+        if (
+            first_level(grid.level_step, count, posterior[middle] + per_A * amps[middle]) == q
+            and first_level(grid.level_step, count, posterior[last] + per_A * amps[last]) == q
+        ):
+            break
+        end = middle
+    return q, end
+
+
+@njit(cache=True, nogil=True)
 def _minimise(
     grid: Grid,
     scalars: Scalars,
@@ -270,22 +292,24 @@ def _minimise(
         if grid.level.size == 1:
             _one_level(part[lo:hi], cost[lo:hi], table[0, start:stop], grid.cubic, best[lo:hi])
             continue
-        middle = (lo + hi) // 2
-        variance = posterior[middle] + scalars.drift_per_A * amps[middle]
-        q = first_level(grid.level_step, grid.level.size, variance)
-        _three_levels(
-            part[lo:hi],
-            cost[lo:hi],
-            amps[lo:hi],
-            posterior[lo:hi],
-            scalars.drift_per_A,
-            grid.level[q : q + 3],
-            table[q, start:stop],
-            table[q + 1, start:stop],
-            table[q + 2, start:stop],
-            grid.cubic,
-            best[lo:hi],
-        )
+        while lo < hi:
+            q, end = _same_levels(grid, posterior, scalars.drift_per_A, amps, lo, hi)
+            stop = start + 2 * (end - lo) + 2
+            _three_levels(
+                part[lo:end],
+                cost[lo:end],
+                amps[lo:end],
+                posterior[lo:end],
+                scalars.drift_per_A,
+                grid.level[q : q + 3],
+                table[q, start:stop],
+                table[q + 1, start:stop],
+                table[q + 2, start:stop],
+                grid.cubic,
+                best[lo:end],
+            )
+            start += 2 * (end - lo)
+            lo = end
 
 
 @njit(cache=True, nogil=True)

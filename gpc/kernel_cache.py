@@ -1,9 +1,9 @@
 """Keep numba's on-disk cache honest across kernels that call each other.
 
 numba recompiles a cached function when *its own* file changes, not when a function that it calls does. So a
-kernel can run with yesterday's callee: after an edit, and after an upgrade too, because wheels carry fixed file
-times. Kernels that belong together are therefore stamped together: when the source of any of them changes,
-all are compiled anew.
+kernel can run with yesterday's callee: after an edit, and after an upgrade too, because wheels carry fixed
+file times. Kernels that belong together are therefore stamped together: when the source of any of them
+changes, all are compiled anew.
 """
 
 from __future__ import annotations

@@ -77,14 +77,19 @@ def lowest_level(grid, variance):
     return max(0, min(int(math.sqrt(variance) / grid.level_step - 0.5), len(grid.level) - 3))
 
 
-def segment_middles(shift):
-    """The node at which the variance levels of each node's segment are chosen."""
-    n, start, middles = len(shift), 0, np.empty(len(shift), dtype=int)
+def node_levels(grid, shift, variance):
+    """The lowest of the three levels that each node uses: one for a run of nodes whose probes agree."""
+    n, start, levels = len(shift), 0, np.empty(len(shift), dtype=int)
+    wanted = [lowest_level(grid, v) for v in variance]
     for j in range(1, n + 1):
         if j == n or shift[j] != shift[start] or j - start == SEGMENT:
-            middles[start:j] = (start + j) // 2
-            start = j
-    return middles
+            while start < j:
+                end = j
+                while end - start > 1 and len({wanted[i] for i in (start, (start + end) // 2, end - 1)}) > 1:
+                    end = (start + end) // 2
+                levels[start:end] = wanted[start]
+                start = end
+    return levels
 
 
 def stage(grid, scalars, cost_kg, power_W, after, penalty):
@@ -114,16 +119,15 @@ def stage(grid, scalars, cost_kg, power_W, after, penalty):
                 amps[j] = abs(i)
                 cost[j] = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
                 moves[j] = min(max(scalars.charge_to_soc * i / grid.soc_step, -j), n - 1 - j)
-            middles = segment_middles(np.floor(moves).astype(int))
+            variance = grid.posterior[r] + scalars.drift_per_A * amps
+            levels = node_levels(grid, np.floor(moves).astype(int), variance)
             for j in range(n):
                 x = j + moves[j]
                 if len(grid.level) == 1:
                     value = interpolate(tables[0][engine], x, grid.cubic)
                 else:
-                    variance = grid.posterior[r, j] + scalars.drift_per_A * amps[j]
-                    m = middles[j]
-                    q = lowest_level(grid, grid.posterior[r, m] + scalars.drift_per_A * amps[m])
-                    share = parabola(grid.level, q, variance)
+                    q = levels[j]
+                    share = parabola(grid.level, q, variance[j])
                     value = sum(
                         share[i] * interpolate(tables[q + i][engine], x, grid.cubic) for i in range(3)
                     )

@@ -51,6 +51,29 @@ def test_sweep_equals_its_twin(kind, seed):
     assert np.allclose(offset, twin.min(axis=(1, 2, 3)), rtol=1e-12)
 
 
+def test_a_steep_end_of_the_voltage_curve_does_not_blow_up():
+    """Near a steep end alpha, and so the next variance, changes by several rows within a few nodes."""
+    problem = short_problem("hev")
+    soc = np.linspace(0.0, 1.0, 401)
+    volts = 190.0 + 2.0 * soc + 40.0 * np.exp(-(1.0 - soc) / 0.006)
+    data = problem.pack.model_dump() | {"soc": tuple(soc), "ocv_V": tuple(volts), "slope_floor": 0.001}
+    data |= {"resistance_ohm": (0.3,) * 401}
+    pack = type(problem.pack)(**data)
+    nodes = np.arange(212, 401) * 0.0025  # the last segment reaches from the plateau to the end
+    fine = problem.settings.model_copy(update={"variance_rows": 10})
+    wide = problem.concept.model_copy(update={"initial_soc_sd": 0.03})
+    rows = variance_rows(wide, pack, problem.uncertainty, 1.0, fine)
+    grid = stochastic_grid(nodes, rows, pack, problem.uncertainty, 1.0)
+    penalty, terminal = node_penalties(problem, nodes, rows, 0.0025)
+    steps = 200
+    rng = np.random.default_rng(0)
+    stages = Stages(rng.uniform(0.0, 2e-3, (steps, 5)), rng.uniform(-2e4, 2e4, (steps, 5)))
+    kept, offset = np.empty((steps + 1, 2, *penalty.shape), np.float32), np.empty(steps + 1)
+    first = sweep(grid, problem.scalars, stages, penalty, terminal, kept, offset)
+    assert first.max() < steps * (penalty.max() + 2e-3 + problem.concept.start_fuel_kg) + terminal.max()
+    assert first.min() > 0.0
+
+
 def oracle_stage(grid, scalars, cost_kg, power_W, after, penalty, spread):
     """One Bellman step with 21-point quadrature in the control loop, at the spread of the node it leaves."""
     points, weights = np.polynomial.hermite_e.hermegauss(21)
