@@ -57,11 +57,11 @@ def test_alpha_is_the_inverse_slope_scaled_to_one():
 
 
 def test_alpha_of_the_presets_against_the_formula_of_their_curve():
-    """The slope of 0.95 + 0.10 s - 0.18 exp(-s / 0.08) + 0.05 exp(-(1 - s) / 0.08), by hand."""
+    """The slope of 0.95 + 0.10 s - 0.18 exp(-s / 0.04) + 0.05 exp(-(1 - s) / 0.08), by hand."""
     soc = np.linspace(0.04, 0.96, 47)
 
     def slope(s):
-        return 0.10 + 2.25 * np.exp(-s / 0.08) + 0.625 * np.exp(-(1.0 - s) / 0.08)
+        return 0.10 + 4.5 * np.exp(-s / 0.04) + 0.625 * np.exp(-(1.0 - s) / 0.08)
 
     least = slope(np.linspace(0.0, 1.0, 100001)).min()
     for name in ("hev", "phev"):

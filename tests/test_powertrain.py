@@ -196,6 +196,8 @@ def test_a_weaker_battery_can_give_less():
 
 def test_fuel_consumption():
     assert VEHICLE.fuel_l_per_100km(0.75, 50e3) == pytest.approx(2.0)
+    with pytest.raises(VehicleError, match="needs a distance above 0, got 0 m"):
+        VEHICLE.fuel_l_per_100km(0.75, 0.0)
 
 
 @pytest.mark.parametrize("bad", [-1.0, math.nan])

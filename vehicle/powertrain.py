@@ -239,7 +239,18 @@ class Vehicle:
         )
 
     def fuel_l_per_100km(self, fuel_kg: float, distance_m: float) -> float:
-        """Fuel consumption in l/100 km of a mass of fuel burnt over a distance."""
+        """Fuel consumption in l/100 km of a mass of fuel burnt over a distance.
+
+        Raises
+        ------
+        VehicleError
+            The distance is zero: a cycle that only stands has no consumption per distance.
+        """
+        if not distance_m > 0.0:
+            raise VehicleError(
+                f"a consumption per distance needs a distance above 0, got {distance_m:g} m;"
+                " take a cycle that moves"
+            )
         return fuel_kg / self.engine.fuel_density_kgpl / (distance_m / 1e5)
 
     def _gear_ratio(self, demand: Demand) -> FloatArray:

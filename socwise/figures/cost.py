@@ -9,6 +9,7 @@ import numpy as np
 
 from ems.records import Case
 from ems.statistics import mean_interval
+from socwise.figures.scale import cut_of
 from socwise.figures.style import INK, LIMIT, finish, new_axes
 from socwise.labels import STOCHASTIC, policy_style
 
@@ -33,10 +34,12 @@ def plot_cost_split(cases: Sequence[Case], ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         Cost in kg of fuel; below, fuel with engine starts, above it penalties and shortfall, hatched.
+        Bars that would flatten the others are cut off and carry their value.
     """
     ax = ax or new_axes()
     policies, mus = list(dict.fromkeys(c.policy for c in cases)), sorted({c.mu for c in cases})
     width = _GROUP_WIDTH / max(len(policies), 1)
+    cut = cut_of([float(case.rollout.cost_kg.mean()) for case in cases])
     for case in cases:
         place, rollout = policies.index(case.policy), case.rollout
         x = mus.index(case.mu) + (place - (len(policies) - 1) / 2) * width
@@ -48,7 +51,12 @@ def plot_cost_split(cases: Sequence[Case], ax: Axes | None = None) -> Axes:
         bottom = fuel if extra >= 0.0 else 0.0
         ax.bar(x, extra, 0.9 * width, bottom, facecolor="white", edgecolor=style.color, hatch="////")
         total, half_width = mean_interval(rollout.cost_kg)
-        ax.errorbar(x, total, half_width, color=INK, linewidth=1.2, capsize=3.0)
+        if cut is None or total <= cut:
+            ax.errorbar(x, total, half_width, color=INK, linewidth=1.2, capsize=3.0)
+        else:
+            ax.text(x, cut, f"↑\n{total:.3g}", ha="center", va="bottom", fontsize="small", color=style.color)
+    if cut is not None:
+        ax.set_ylim(top=cut)
     ax.set_xticks(range(len(mus)), [f"{mu:g}" for mu in mus])
     ax.set(xlabel="μ", ylabel="realised cost [kg fuel]")
     finish(ax)
@@ -99,6 +107,16 @@ def plot_differences(cases: Sequence[Case], reference: str = STOCHASTIC, ax: Axe
             capsize=3,
             label=style.label,
         )
+        for mean, row in zip(means, rows, strict=True):
+            ax.annotate(
+                f"{mean:+.2g}".replace("-", "−"),
+                (mean, row),
+                xytext=(0, 5),
+                textcoords="offset points",
+                ha="center",
+                fontsize="x-small",
+                color=style.color,
+            )
     ax.axvline(0.0, color=LIMIT, linewidth=1.0)
     ax.set_yticks(range(len(mus)), [f"μ = {mu:g}" for mu in mus])
     ax.set_ylim(len(mus) - 0.5, -0.5)

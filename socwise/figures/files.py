@@ -91,14 +91,15 @@ def _cost(comparison: Comparison, concepts: Sequence[str]) -> Figure:
     panels = figure.subplots(1, len(concepts), squeeze=False)[0]
     for ax, concept in zip(panels, concepts, strict=True):
         plot_cost_split([case for case in comparison.cases if case.concept == concept], ax)
-        ax.set_title(f"{concept_label(concept)}: mean realised cost, 95 % interval of the total")
+        # The pad leaves room for the values of bars that are cut off.
+        ax.set_title(f"{concept_label(concept)}: mean realised cost, 95 % interval of the total", pad=26.0)
     _cost_legend(figure, [case.policy for case in comparison.cases])
     return figure
 
 
 def _differences(comparison: Comparison, concepts: Sequence[str]) -> Figure:
     mus = {case.mu for case in comparison.cases}
-    figure = _new_figure(4.8 * len(concepts), 1.6 + 0.75 * len(mus))
+    figure = _new_figure(4.8 * len(concepts), 1.6 + 1.0 * len(mus))
     panels = figure.subplots(1, len(concepts), squeeze=False)[0]
     for ax, concept in zip(panels, concepts, strict=True):
         plot_differences([case for case in comparison.cases if case.concept == concept], ax=ax)

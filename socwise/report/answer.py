@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ems.statistics import half_width
 from socwise.labels import CERTAINTY_EQUIVALENT, PERFECT_INFORMATION, STOCHASTIC
+from socwise.report.ratio import ratio_interval
 
 Result = Mapping[str, Any]
 
@@ -24,12 +26,15 @@ class Saving:
         Its 95 % interval; NaN if the comparison gives none.
     baseline : float
         Mean of what the other policy spends: the per cent are of this.
+    share : tuple of float
+        The 95 % interval of the saving as a share of the baseline; NaN if there is none.
     """
 
     absolute: float
     low: float
     high: float
     baseline: float
+    share: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def verdict(self) -> int:
@@ -41,8 +46,10 @@ class Saving:
     def in_per_cent(self) -> tuple[float, float, float]:
         """Return mean, low and high in per cent of the baseline; NaN where it is small against them."""
         largest = max(abs(self.absolute), abs(self.low), abs(self.high))
-        scale = 100.0 / self.baseline if self.baseline > 0.5 * largest else math.nan
-        return scale * self.absolute, scale * self.low, scale * self.high
+        known = math.isnan(self.low) or not math.isnan(self.share[0])
+        scale = 100.0 / self.baseline if known and self.baseline > 0.5 * largest else math.nan
+        low, high = self.share if not math.isnan(scale) else (math.nan, math.nan)
+        return scale * self.absolute, 100.0 * low, 100.0 * high
 
 
 @dataclass(frozen=True)
@@ -100,17 +107,20 @@ def saving(result: Result, concept: str, mu: float, policy: str, versus: str, wh
     what : str
         "cost_kg" or "fuel_l_per_100km".
     """
-    baseline = _means(result, concept, mu, what).get(versus)
+    rows = _rows(result, concept, mu)
     for pair in result["paired"]:
-        if (pair["concept"], pair["mu"]) != (concept, mu) or baseline is None:
+        if (pair["concept"], pair["mu"]) != (concept, mu) or not {policy, versus} <= rows.keys():
             continue
         names = (pair["policy"], pair["versus"])
         if names not in {(policy, versus), (versus, policy)}:
             continue
         mean, (low, high) = pair[what]["mean"], _interval(pair[what])
-        if names == (versus, policy):
-            return Saving(mean, low, high, baseline)
-        return Saving(-mean, -high, -low, baseline)
+        if names == (policy, versus):
+            mean, low, high = -mean, -high, -low
+        ours, theirs = (_half_width(rows[name], what) for name in (policy, versus))
+        baseline = rows[versus][what]["mean"]
+        left = ratio_interval(baseline - mean, baseline, ours, theirs, 0.5 * (high - low))
+        return Saving(mean, low, high, baseline, (1.0 - left[1], 1.0 - left[0]))
     return None
 
 
@@ -140,11 +150,15 @@ def _gap_left(costs: Mapping[str, float]) -> float | None:
 
 
 def _means(result: Result, concept: str, mu: float, what: str) -> dict[str, float]:
-    return {
-        row["policy"]: row[what]["mean"]
-        for row in result["cases"]
-        if (row["concept"], row["mu"]) == (concept, mu)
-    }
+    return {name: row[what]["mean"] for name, row in _rows(result, concept, mu).items()}
+
+
+def _rows(result: Result, concept: str, mu: float) -> dict[str, Mapping[str, Any]]:
+    return {row["policy"]: row for row in result["cases"] if (row["concept"], row["mu"]) == (concept, mu)}
+
+
+def _half_width(row: Mapping[str, Any], what: str) -> float:
+    return half_width(row[what]["se"], row["realizations"])
 
 
 def _interval(difference: Mapping[str, Any]) -> tuple[float, float]:

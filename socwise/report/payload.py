@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ems.records import Case
 from ems.statistics import mean_interval
 from socwise.figures.operation import KMH_PER_MPS, on_intervals
+from socwise.figures.scale import cut_of
 from socwise.labels import STOCHASTIC, concept_label, policy_style
 from socwise.report.answer import saving
 from socwise.thinning import extremes, stride_for
@@ -44,6 +45,7 @@ def payload(stored: StoredComparison) -> dict[str, Any]:
     -------
     dict
         ``concepts``, ``policies``, ``cycle``, ``cases`` (means and trajectories of the first realizations),
+        ``cuts`` (cost in kg at which a concept's bars are cut off, or None),
         ``differences`` (paired, in kg), ``stretch_s`` (how much time two drawn points stand for).
     """
     keys = stored.keys()
@@ -51,13 +53,15 @@ def payload(stored: StoredComparison) -> dict[str, Any]:
     samples = stored.time_s.size
     stretches, shown = _plan(len(keys), samples)
     stride = stride_for(samples, stretches)
+    cases = [_case(stored.case(*key), stride, shown) for key in keys]
     return {
         "concepts": {concept: concept_label(concept) for concept, _, _ in keys},
         "policies": {policy: _style(policy, policies) for policy in policies},
         "cycle": _cycle(stored, stride),
         "points_per_stretch": 1 if stride == 1 else 2,
         "stretch_s": float(stored.time_s[min(stride, samples - 1)] - stored.time_s[0]),
-        "cases": [_case(stored.case(*key), stride, shown) for key in keys],
+        "cases": cases,
+        "cuts": {name: cut_of([c["cost_kg"] for c in cases if c["concept"] == name]) for name, _, _ in keys},
         "differences": _differences(stored),
     }
 

@@ -10,6 +10,7 @@ from socwise.report.answer import Finding, Saving
 from socwise.report.wording import listing, per_cent
 
 _ENOUGH = 4
+_INTERVAL = "95 % interval "
 
 
 def answer(concept: str, found: Sequence[Finding]) -> list[str]:
@@ -43,9 +44,12 @@ def answer(concept: str, found: Sequence[Finding]) -> list[str]:
     sentences += _better_sentences(found)
     gap = [one for one in found if one.gap_left is not None]
     if gap:
-        parts = [f"{_share(one)} at μ = {one.mu:g}" for one in gap]
+        shares = [_share(one) for one in gap]
+        parts = [f"{share} at μ = {one.mu:g}" for share, one in zip(shares, gap, strict=True)]
+        same = len(gap) > 1 and len(set(shares)) == 1
+        still = f"{shares[0]} at any of the {len(gap)} μ" if same else _series(parts)
         sentences.append(
-            f"Of what the certainty-equivalent policy loses against perfect information, {_series(parts)} "
+            f"Of what the certainty-equivalent policy loses against perfect information, {still} "
             "is still lost with the stochastic policy."
         )
     return sentences
@@ -90,7 +94,7 @@ def _amount(saving: Saving, unit: str) -> str:
     if math.isnan(values[0]):
         values, shown = (saving.absolute, saving.low, saving.high), unit
     mean, low, high = values if saving.verdict >= 0 else (-values[0], -values[2], -values[1])
-    interval = "no interval" if math.isnan(low) else f"95 % interval {per_cent(low)} to {per_cent(high)}"
+    interval = "no interval" if math.isnan(low) else f"{_INTERVAL}{per_cent(low)} to {per_cent(high)}"
     return f"{per_cent(mean)} {shown} ({interval})"
 
 
@@ -108,11 +112,17 @@ def _better_sentences(found: Sequence[Finding]) -> list[str]:
 
 def _share(finding: Finding) -> str:
     left = 100.0 * (finding.gap_left or 0.0)
-    return "nothing" if left <= 0.0 else f"{left:.0f} %"
+    if left <= 0.0:
+        return "nothing"
+    return "less than 1 %" if left < 1.0 else f"{left:.0f} %"
 
 
 def _series(parts: Sequence[str]) -> str:
-    """Join what holds at several mu; of a long sweep only the first and the last."""
+    """Join what holds at several mu; of a long sweep only the first and the last.
+
+    That an interval is one of 95 % is said once.
+    """
+    short = [parts[0], *(part.replace(_INTERVAL, "") for part in parts[1:])]
     if len(parts) <= _ENOUGH:
-        return listing(parts)
-    return f"{parts[0]} and {parts[-1]} (first and last of {len(parts)} in the table)"
+        return listing(short)
+    return f"{short[0]} and {short[-1]} (first and last of {len(parts)} in the table)"

@@ -102,6 +102,7 @@
   function drawCost(plot, concept) {
     const cases = data.cases.filter((one) => one.concept === concept);
     const mus = unique(cases.map((one) => one.mu)).sort((a, b) => a - b);
+    const cut = data.cuts[concept];
     const rows = [];
     const annotations = [];
     let level = 0;
@@ -113,6 +114,12 @@
       level += 1;
       for (const one of cases.filter((other) => other.mu === mu)) rows.push({ one, level: level++ });
       level += 0.3;
+    }
+    for (const { one, level: at } of rows.filter((row) => cut !== null && row.one.cost_kg > cut)) {
+      annotations.push({
+        text: `<b>${show(one.cost_kg, 1)} \u2192</b>`, x: 1, xref: "paper", xanchor: "right", y: at,
+        yanchor: "middle", showarrow: false, font: { color: inks().ink },
+      });
     }
     const hover = rows.map(({ one }) => `${label(one.policy)}, \u03bc = ${one.mu}<br>`
       + `cost ${show(one.cost_kg, 4)}`
@@ -135,6 +142,7 @@
     const layout = baseLayout(80 + level * ROW_PX);
     Object.assign(layout, { barmode: "overlay", showlegend: false, annotations });
     layout.xaxis = axis("realised cost [kg fuel]", { rangemode: "tozero", nticks: 6 });
+    if (cut !== null) layout.xaxis.range = [0, cut];
     layout.yaxis = axis("", {
       tickvals: bar.y, ticktext: rows.map(({ one }) => escaped(data.policies[one.policy].short)),
       range: [level - 0.3, -0.6], showgrid: false, zeroline: false,
