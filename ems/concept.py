@@ -20,7 +20,7 @@ PRESETS = Path(__file__).parent / "presets"
 class RuleParameters(BaseModel):
     """Thresholds of the rule-based policy (`ems.policies.rule_based`)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     sustain_soc: float = Field(gt=0.0, lt=1.0, description="SOC held once the battery is depleted to it")
     band: float = Field(gt=0.0, lt=0.5, description="half-width over which the rules change over")
@@ -38,7 +38,7 @@ class Concept(BaseModel):
         When a value is missing, unknown or out of range; `load_concept` turns it into an `EmsError`.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str = Field(min_length=1, description="short name, used in tables and file names")
     vehicle: str = Field(description="preset name, or path of a vehicle TOML relative to this file")

@@ -36,7 +36,7 @@ HEADROOM = 1.1
 class GridSettings(BaseModel):
     """Spacings of the grids; the defaults pass the convergence test (docs/method.md)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     soc_step: float = Field(default=0.0025, gt=0.0, le=0.05, description="SOC spacing under noise")
     deterministic_soc_step: float = Field(

@@ -28,7 +28,7 @@ class Window(BaseModel):
         When a bound leaves [0, 1], the bounds are not in order, or a cost is negative.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     low: float = Field(ge=0.0, le=1.0, description="lowest allowed SOC")
     high: float = Field(ge=0.0, le=1.0, description="highest allowed SOC")
@@ -65,7 +65,7 @@ class Terminal(BaseModel):
         When the target leaves (0, 1) or a cost is negative.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     target_soc: float = Field(gt=0.0, lt=1.0, description="preferred SOC at the end")
     jump_below_kg: float = Field(ge=0.0, description="cost of ending below the target, kg")

@@ -65,6 +65,8 @@ def test_a_window_over_all_soc_costs_nothing():
         (("uncertainty", "mu"), -1.0, "uncertainty.mu"),
         (("terminal", "target_soc"), math.nan, "terminal.target_soc"),
         (("initial_soc_sd",), "much", "initial_soc_sd"),
+        (("shortfall_kg_per_MJ",), math.inf, "shortfall_kg_per_MJ"),
+        (("window", "slope_below_kgps"), math.inf, "window.slope_below_kgps"),
     ],
 )
 def test_a_bad_concept_is_refused_with_its_place(path, value, message):

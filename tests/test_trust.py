@@ -72,7 +72,7 @@ def martingale(rollout, policy):
     return total
 
 
-def check_self_consistency(concept, mu, realizations, truth=200):
+def check_self_consistency(concept, mu, realizations, truth=100):
     problem = full_problem(concept).with_mu(mu)
     policy = build_policy("stochastic", problem)
     rollout = roll_out(problem, policy, draw_noise(5, realizations, problem.steps), belief_space=True)
@@ -89,7 +89,7 @@ def check_self_consistency(concept, mu, realizations, truth=200):
     assert difference < max(3.0 * error, 0.1 * policy.value_kg)
 
 
-@pytest.mark.parametrize(("concept", "realizations"), [("hev", 300), ("phev", 300)])
+@pytest.mark.parametrize(("concept", "realizations"), [("hev", 200), ("phev", 200)])
 def test_2_the_value_is_the_mean_cost_of_rollouts_in_belief_space(concept, realizations):
     check_self_consistency(concept, 2e-3, realizations)
 
@@ -109,7 +109,10 @@ def values(concept, mu, policy):
     ]
 
 
-@pytest.mark.parametrize("policy", ["stochastic", "perfect_information", "certainty_equivalent"])
+@pytest.mark.parametrize(
+    "policy",
+    ["stochastic", "perfect_information", pytest.param("certainty_equivalent", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("concept", CONCEPTS)
 def test_3_halving_every_spacing_hardly_moves_the_value(concept, policy):
     coarse, fine = values(concept, 2e-3, policy)
@@ -145,7 +148,7 @@ def check_stochastic_wins(concept, realizations):
 
 @pytest.mark.parametrize("concept", CONCEPTS)
 def test_5_stochastic_beats_certainty_equivalent(concept):
-    check_stochastic_wins(concept, 100)
+    check_stochastic_wins(concept, 40)
 
 
 @pytest.mark.slow
