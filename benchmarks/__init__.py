@@ -1,0 +1,1 @@
+"""How fast the solver is against plain versions of itself: `make bench`, or `python -m benchmarks`."""

@@ -1,0 +1,68 @@
+"""Check that every rival finds the same values, time all of them, print one table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from benchmarks.cases import Case, certain_case, hev_problem, stochastic_case
+from benchmarks.driving import rollout_tasks, table_tasks
+from benchmarks.rivals import CERTAIN, STOCHASTIC, Rival
+from benchmarks.table import Section, build_table
+from benchmarks.timing import Task, interleave
+from ems import GridSettings, Problem
+
+STEPS = 300
+ROUNDS = 5
+REALIZATIONS = 50
+SETTINGS = GridSettings(soc_step=0.0025, variance_rows=15, torque_levels=39)
+WIDTH = 120
+
+
+def solver_section(name: str, case: Case, rivals: Sequence[Rival], console: Console) -> Section:
+    """Check the rivals on a case, then time them and the kernel."""
+    rows, nodes = case.penalty_kg.shape
+    steps, controls = case.stages.power_W.shape
+    ours = case.solve()
+    tasks = [Task("socwise", case.solve, case.evaluations)]
+    for rival in rivals:
+        found = rival.require_agreement(case, ours)
+        console.print(f"{name}, {rival.name}: values differ by {found:.1e}, allowed {rival.tolerance:.0e}")
+        tasks.append(rival.task(case))
+    title = f"{name}, {nodes} x {rows} x 2 states"
+    return Section(
+        title, f"state x control x step ({controls} controls, {steps} steps)", interleave(tasks, ROUNDS)
+    )
+
+
+def driving_sections(problem: Problem) -> list[Section]:
+    """Time rollouts and tables."""
+    paired, others = rollout_tasks(problem, REALIZATIONS)
+    controls, known = table_tasks(problem)
+    step = "realization x step"
+    return [
+        Section(f"{REALIZATIONS} rollouts, stochastic policy", step, interleave(paired, ROUNDS)),
+        Section(f"{REALIZATIONS} rollouts, other policies", step, interleave(others, ROUNDS), compared=False),
+        Section(
+            "All controls on the whole cycle", "step x control", interleave(controls, ROUNDS), compared=False
+        ),
+        Section("Expected measurement variance", "SOC x variance", interleave(known, ROUNDS), compared=False),
+    ]
+
+
+def main() -> None:
+    """Run everything."""
+    console = Console()
+    console.width = max(console.width, WIDTH)
+    problem = hev_problem(STEPS, SETTINGS)
+    sections = [
+        solver_section("Stochastic solve", stochastic_case(problem), STOCHASTIC, console),
+        solver_section("Certainty-equivalent solve", certain_case(problem), CERTAIN, console),
+        *driving_sections(problem),
+    ]
+    console.print(build_table(sections, ROUNDS))
+
+
+if __name__ == "__main__":
+    main()

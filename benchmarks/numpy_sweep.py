@@ -1,0 +1,148 @@
+"""The two programs in vectorised NumPy: the project's algorithm, array operations over (control, SOC node).
+
+The stochastic one smooths the cost-to-go once per variance row, as the kernel does. It chooses the variance
+levels node by node, the kernel for runs of nodes; where the runs are right the two agree to rounding.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.cases import Case
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Moves(NamedTuple):
+    """What each distinct control does at each node, shape (C, n), whatever variance and engine state."""
+
+    amps: Array
+    cost: Array
+    cell: Ints
+    part: Array
+
+
+def stage_moves(case: Case, k: int, distinct: NDArray[np.bool_]) -> Moves:
+    """Solve the circuit for every (control, node)."""
+    grid, scalars = case.grid, case.scalars
+    power_W = case.stages.power_W[k, distinct][:, None]
+    ohm = np.where(power_W < 0.0, grid.discharge_ohm, grid.charge_ohm)
+    root = np.sqrt(np.maximum(grid.ocv_V**2 + 4.0 * ohm * power_W, 0.0))
+    i = 2.0 * power_W / (grid.ocv_V + root)
+    lowest_W = grid.current_low_A * (grid.ocv_V + grid.discharge_ohm * grid.current_low_A)
+    missing_W = np.where(i < grid.current_low_A, lowest_W - power_W, 0.0)
+    i = np.clip(i, grid.current_low_A, grid.current_high_A)
+    nodes = np.arange(grid.ocv_V.size)
+    x = np.clip(nodes + scalars.charge_to_soc * i / grid.soc_step, 0.0, nodes[-1])
+    cell = np.minimum(x.astype(np.int64), nodes[-1] - 1)
+    price = scalars.step_s * scalars.shortfall_kg_per_J
+    return Moves(np.abs(i), case.stages.cost_kg[k, distinct][:, None] + missing_W * price, cell, x - cell)
+
+
+def best_of_both(off: Array, on: Array, start_cost_kg: float) -> Array:
+    """Least cost-to-go over the next engine state, for the engine off and on now, shape (2, ...)."""
+    return np.array([np.minimum(off, on + start_cost_kg), np.minimum(off, on)])
+
+
+def deterministic_sweep(case: Case) -> Array:
+    """Solve the program without noise, linear look-ups; ``J_0``, shape (2, 1, n)."""
+    n = case.grid.ocv_V.size
+    after = np.array([case.terminal_kg[0], case.terminal_kg[0]])
+    everything = case.distinct
+    for k in range(everything.shape[0] - 1, -1, -1):
+        moves = stage_moves(case, k, everything[k])
+        tables = best_of_both(after[0], after[1], case.scalars.start_cost_kg)
+        flat = moves.cell.copy()
+        flat[1:] += n
+        low, high = np.take(tables, flat), np.take(tables, flat + 1)
+        total = moves.cost + low + moves.part * (high - low)
+        after = np.array([total[0], total[1:].min(axis=0)]) + case.penalty_kg
+    return after[:, None, :]
+
+
+def slopes(value: Array) -> Array:
+    """Slopes per cell along the last axis: central differences limited as `ems._interpolate` does."""
+    central: Array = np.gradient(value, axis=-1)
+    central[..., 2:-2] = (
+        value[..., :-4] - 8.0 * value[..., 1:-3] + 8.0 * value[..., 3:-1] - value[..., 4:]
+    ) / 12.0
+    secant = np.diff(value, axis=-1)
+    below, above = secant[..., :-1], secant[..., 1:]
+    bound = 3.0 * np.minimum(np.abs(below), np.abs(above))
+    sign = np.sign(below)
+    limited = sign * np.clip(sign * central[..., 1:-1], 0.0, bound)
+    central[..., 1:-1] = np.where(below * above > 0.0, limited, 0.0)
+    return central
+
+
+def smoothed(case: Case, after: Array, row: int, first: int, last: int) -> tuple[Array, Array]:
+    """Values and slopes of the smoothed cost-to-go, shape (2, last - first + 1, n)."""
+    operator = int(case.grid.operator[row, 0])
+    half, middle = int(case.grid.taps[operator]), case.grid.weights.shape[1] // 2
+    weights = case.grid.weights[operator, middle - half : middle + half + 1]
+    padded = np.pad(after[:, first : last + 1], ((0, 0), (0, 0), (half, half)), mode="edge")
+    n = after.shape[2]
+    sums = np.zeros_like(padded[..., :n])
+    for t in range(2 * half + 1):
+        sums += weights[t] * padded[..., t : t + n]
+    tables = best_of_both(sums[0], sums[1], case.scalars.start_cost_kg)
+    return tables, slopes(tables)
+
+
+def hermite(part: Array) -> tuple[Array, Array, Array, Array]:
+    """Weights of value and slope below, value and slope above."""
+    rest = 1.0 - part
+    return (
+        (1.0 + 2.0 * part) * rest * rest,
+        part * rest * rest,
+        part * part * (3.0 - 2.0 * part),
+        -part * part * rest,
+    )
+
+
+def stochastic_sweep(case: Case) -> Array:
+    """Solve the program over (estimate, variance), cubic look-ups; ``J_0``, shape (2, r, n)."""
+    after = np.array([case.terminal_kg, case.terminal_kg])
+    everything = case.distinct
+    for k in range(everything.shape[0] - 1, -1, -1):
+        moves = stage_moves(case, k, everything[k])
+        weights = hermite(moves.part)
+        now = np.empty_like(after)
+        for row in range(case.penalty_kg.shape[0]):
+            total = moves.cost + look_up(case, after, moves, weights, row)
+            now[0, row] = total[0]
+            now[1, row] = total[1:].min(axis=0)
+        after = now + case.penalty_kg
+    return after
+
+
+def look_up(
+    case: Case, after: Array, moves: Moves, weights: tuple[Array, Array, Array, Array], row: int
+) -> Array:
+    """Expected cost-to-go of every (control, node) from one variance row, shape (C, n)."""
+    grid = case.grid
+    level, n = grid.level, grid.ocv_V.size
+    variance = grid.posterior[row] + case.scalars.drift_per_A * moves.amps
+    q = np.clip((np.sqrt(variance) / grid.level_step - 0.5).astype(np.int64), 0, level.size - 3)
+    first, last = int(q.min()), int(q.max()) + 2
+    value, slope = smoothed(case, after, row, first, last)
+    w0, w1, w2, w3 = weights
+    flat = (q - first) * n + moves.cell
+    flat[1:] += value[0].size
+    p = [level[q], level[q + 1], level[q + 2]]
+    result: Array = np.zeros_like(variance)
+    for m in range(3):
+        a, b = p[m - 2], p[m - 1]
+        share = (variance - a) * (variance - b) / ((p[m] - a) * (p[m] - b))
+        at, above = flat + m * n, flat + (m * n + 1)
+        result += share * (
+            w0 * np.take(value, at)
+            + w1 * np.take(slope, at)
+            + w2 * np.take(value, above)
+            + w3 * np.take(slope, above)
+        )
+    return result
