@@ -74,13 +74,25 @@ def soc_weights(x: float, n: int, cubic: bool) -> tuple[int, float, float, float
 
 @njit(cache=True, nogil=True)
 def expected_cost_to_go(
-    grid: Grid, after: NDArray[np.float32], soc: float, spread: float, variance: float
+    soc_first: float,
+    soc_step: float,
+    level_step: float,
+    level: Array,
+    cubic: bool,
+    after: NDArray[np.float32],
+    soc: float,
+    spread: float,
+    variance: float,
 ) -> tuple[float, float]:
     """Expected cost-to-go with the engine off and on next, for a Gaussian SOC and a variance level.
 
+    Takes fields of `Grid` one by one: passing the tuple costs more than the look-ups, because numba counts
+    the references to each of its arrays on every call.
+
     Parameters
     ----------
-    grid : Grid
+    soc_first, soc_step, level_step, level, cubic
+        As in `Grid`.
     after : ndarray of float32, shape (2, r, n)
         Cost-to-go of the next stage.
     soc, spread : float
@@ -91,21 +103,30 @@ def expected_cost_to_go(
     rows, n = after.shape[1], after.shape[2]
     q, share = 0, (1.0, 0.0, 0.0)
     if rows > 1:
-        q, share = level_weights(grid.level, grid.level_step, variance)
+        q, share = level_weights(level, level_step, variance)
     off = on = 0.0
     single = spread <= 0.0
     for m in range(NODES.size):
         if single and m != MIDDLE:
             continue
         weight = 1.0 if single else WEIGHTS[m]
-        x = (soc + spread * NODES[m] - grid.soc_first) / grid.soc_step
-        at, w0, w1, w2, w3 = soc_weights(x, n, grid.cubic)
+        x = (soc + spread * NODES[m] - soc_first) / soc_step
+        at, w0, w1, w2, w3 = soc_weights(x, n, cubic)
         for row in range(min(rows, 3)):
             factor = weight * share[row]
-            a = after[0, q + row]
-            b = after[1, q + row]
-            off += factor * (w0 * a[at] + w1 * a[at + 1] + w2 * a[at + 2] + w3 * a[at + 3])
-            on += factor * (w0 * b[at] + w1 * b[at + 1] + w2 * b[at + 2] + w3 * b[at + 3])
+            v = q + row
+            off += factor * (
+                w0 * after[0, v, at]
+                + w1 * after[0, v, at + 1]
+                + w2 * after[0, v, at + 2]
+                + w3 * after[0, v, at + 3]
+            )
+            on += factor * (
+                w0 * after[1, v, at]
+                + w1 * after[1, v, at + 1]
+                + w2 * after[1, v, at + 2]
+                + w3 * after[1, v, at + 3]
+            )
     return off, on
 
 
@@ -160,7 +181,17 @@ def choose(
             width = 0.0
         elif acts_on == TRUTH:
             width = np.sqrt(drift)
-        off, on = expected_cost_to_go(grid, after, soc + scalars.charge_to_soc * i, width, variance)
+        off, on = expected_cost_to_go(
+            grid.soc_first,
+            grid.soc_step,
+            grid.level_step,
+            grid.level,
+            grid.cubic,
+            after,
+            soc + scalars.charge_to_soc * i,
+            width,
+            variance,
+        )
         if not engine_on:
             on += scalars.start_cost_kg
         cost = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J + min(off, on)

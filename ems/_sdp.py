@@ -248,20 +248,19 @@ def _three_levels(
 
 @njit(cache=True, nogil=True)
 def _same_levels(
-    grid: Grid, posterior: Array, per_A: float, amps: Array, lo: int, hi: int
+    level_step: float, count: int, posterior: Array, per_A: float, amps: Array, lo: int, hi: int
 ) -> tuple[int, int]:
     """Halve the nodes lo..hi until first, middle and last have the same levels; return these and the end.
 
     A parabola used beyond its levels would extrapolate, and a recursion that extrapolates blows up.
     """
-    count = grid.level.size
-    q = first_level(grid.level_step, count, posterior[lo] + per_A * amps[lo])
+    q = first_level(level_step, count, posterior[lo] + per_A * amps[lo])
     end = hi
     while end - lo > 1:
         middle, last = (lo + end) // 2, end - 1
         if (
-            first_level(grid.level_step, count, posterior[middle] + per_A * amps[middle]) == q
-            and first_level(grid.level_step, count, posterior[last] + per_A * amps[last]) == q
+            first_level(level_step, count, posterior[middle] + per_A * amps[middle]) == q
+            and first_level(level_step, count, posterior[last] + per_A * amps[last]) == q
         ):
             break
         end = middle
@@ -293,7 +292,9 @@ def _minimise(
             _one_level(part[lo:hi], cost[lo:hi], table[0, start:stop], grid.cubic, best[lo:hi])
             continue
         while lo < hi:
-            q, end = _same_levels(grid, posterior, scalars.drift_per_A, amps, lo, hi)
+            q, end = _same_levels(
+                grid.level_step, grid.level.size, posterior, scalars.drift_per_A, amps, lo, hi
+            )
             stop = start + 2 * (end - lo) + 2
             _three_levels(
                 part[lo:end],

@@ -8,6 +8,7 @@ paired differences.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -114,6 +115,7 @@ def compare(
         cases=tuple(found[c.name, mu, name] for c in concepts for mu in mus for name in names),
         settings={
             "concepts": [concept.model_dump(mode="json") for concept in concepts],
+            "inputs_sha256": [input_digest(problem) for problem in problems],
             "packs": [problem.pack.model_dump(mode="json") for problem in problems],
             "mus": list(mus),
             "policies": list(names),
@@ -125,6 +127,15 @@ def compare(
             "grid": settings.model_dump(mode="json"),
         },
     )
+
+
+def input_digest(problem: Problem) -> str:
+    """Hash what the files of car and cycle came to: the stage tables and the cycle's samples."""
+    digest = hashlib.sha256()
+    tables = (*problem.stages, problem.engine_torque_Nm, problem.fuel_kgps, problem.shortfall_kg)
+    for array in (*tables, problem.cycle.time_s, problem.cycle.speed_mps, problem.cycle.altitude_m):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def _tasks(problem: Problem, policies: Iterable[str], mus: tuple[float, ...]) -> list[_Task]:

@@ -19,7 +19,7 @@ from ems import (
     load_concept,
     roll_out,
 )
-from ems.compare import compare
+from ems.compare import compare, input_digest
 from ems.concept import PRESETS, parse_concept
 from ems.penalty import Terminal, Window
 from ems.statistics import interval, mean_and_error
@@ -213,6 +213,19 @@ def test_leaving_the_grid_is_said():
     policy = build_policy("stochastic", loose)
     with pytest.warns(GridWarning, match="outside the SOC grid"):
         roll_out(loose, policy, draw_noise(0, 2, loose.steps))
+
+
+def test_the_manifest_tells_cars_and_cycles_apart():
+    problem = short_problem("hev")
+    again = build_problem(problem.concept, short_cycle(), settings=problem.settings)
+    assert input_digest(problem) == input_digest(again)
+    heavier = dataclasses.replace(
+        problem.vehicle, chassis=problem.vehicle.chassis.model_copy(update={"mass_kg": 1501.0})
+    )
+    table = heavier.controls(heavier.demand(problem.cycle), problem.settings.torque_levels)
+    stages = problem.stages._replace(power_W=table.battery_power_W)
+    assert input_digest(dataclasses.replace(problem, stages=stages)) != input_digest(problem)
+    assert input_digest(short_problem("hev", 300)) != input_digest(problem)
 
 
 def test_a_cycle_of_another_step_is_resampled():

@@ -171,6 +171,10 @@ def test_hermite_cells_reproduce_a_cubic_and_never_leave_their_nodes():
         assert max(values) <= 1.0 + 1e-15
 
 
+def fields(grid):
+    return grid.soc_first, grid.soc_step, grid.level_step, grid.level, grid.cubic
+
+
 @pytest.mark.parametrize("acts_on", [ESTIMATE, CERTAIN, TRUTH])
 def test_choice_is_the_least_expected_cost(acts_on):
     """The chosen control's cost, recomputed by hand for every control, is the minimum."""
@@ -209,7 +213,7 @@ def test_choice_is_the_least_expected_cost(acts_on):
             drift = scalars.drift + scalars.drift_per_A * abs(i)
             width = {ESTIMATE: spread, CERTAIN: 0.0, TRUTH: math.sqrt(drift)}[acts_on]
             off, on = expected_cost_to_go(
-                grid, kept[1], soc + scalars.charge_to_soc * i, width, posterior + drift
+                *fields(grid), kept[1], soc + scalars.charge_to_soc * i, width, posterior + drift
             )
             base = stages.cost_kg[0, c] + missing_W * scalars.shortfall_kg_per_J
             costs[c, 0] = base + off
@@ -222,7 +226,7 @@ def test_expected_cost_to_go_of_a_parabola_adds_its_variance():
     n = penalty.shape[1]
     soc = grid.soc_first + grid.soc_step * np.arange(n)
     table = (4.0 * soc**2)[None, None, :] + 100.0 * grid.level[None, :, None] + np.zeros((2, 1, 1))
-    off, on = expected_cost_to_go(grid, table.astype(np.float32), 0.63, 0.004, 2.2e-4)
+    off, on = expected_cost_to_go(*fields(grid), table.astype(np.float32), 0.63, 0.004, 2.2e-4)
     assert off == pytest.approx(4.0 * (0.63**2 + 0.004**2) + 0.022, rel=1e-6)
     assert on == off
 
