@@ -147,7 +147,9 @@ def test_one_realization_has_no_interval_but_a_picture():
     single = make_comparison(realizations=1, steps=20)
     cases = [case for case in single.cases if case.concept == "hev"]
     for plot in (figures.plot_cost_split, figures.plot_differences):
-        plot(cases).figure.canvas.draw()
+        ax = plot(cases)
+        ax.figure.canvas.draw()
+        assert ax.get_xlabel()
 
 
 def test_a_realization_that_does_not_exist_is_refused(hev):

@@ -35,7 +35,8 @@ def test_the_items_are_those_of_the_paper():
 def test_every_item_leads_to_a_function_that_takes_jobs_and_progress(item):
     found = _ITEMS[item]
     function = getattr(import_module(f"socwise.reproduce.{found.module}"), found.function)
-    inspect.signature(function).bind(jobs=1, progress=None)
+    bound = inspect.signature(function).bind(jobs=1, progress=None)
+    assert set(bound.arguments) == {"jobs", "progress"}
 
 
 @pytest.mark.parametrize(
