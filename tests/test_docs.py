@@ -25,7 +25,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("code", CODE, ids=["cycle", "battery", "car"])
+@pytest.mark.parametrize("code", CODE, ids=["cycle", "battery", "car", "concept"])
 def test_the_code_runs_and_prints(files, capsys, code):
     exec(compile(code, PAGE.name, "exec"), {})
     assert re.search(r"\d", capsys.readouterr().out)

@@ -19,6 +19,7 @@ from ems.statistics import half_width, mean_interval
 from socwise import figures
 from socwise.figures.files import _figures
 from socwise.figures.operation import on_intervals
+from socwise.figures.scale import cut_of
 from socwise.labels import middle, policy_style
 from socwise.thinning import extremes, stride_for
 
@@ -233,3 +234,10 @@ def test_policies_of_the_users_own_get_distinct_colours():
     assert policy_style("mine", names).label == "mine"
     assert middle([3.0, 1.0, 2.0]) == 2.0
     assert middle([4.0, 1.0, 2.0, 3.0]) == 2.0
+
+
+def test_a_few_long_bars_are_cut_off_where_the_others_can_be_read():
+    assert cut_of([1.0, 1.2, 10.0, 1.1]) == pytest.approx(1.5 * 1.2)
+    assert cut_of([1.0, 3.0, 1.1]) is None
+    assert cut_of([]) is None
+    assert cut_of([0.0, 0.0, 5.0]) is None, "nothing to measure the long one by"
