@@ -41,6 +41,12 @@ def answer(concept: str, found: Sequence[Finding]) -> list[str]:
     if fuel:
         parts = [f"{_fuel_phrase(saving)} at μ = {one.mu:g}" for one, saving in fuel]
         sentences.append(f"Fuel alone: {_series(parts)}.")
+    bought = [one for one in found if one.cost and one.fuel and one.cost.verdict > 0 > one.fuel.absolute]
+    if bought:
+        sentences.append(
+            "What is saved is penalties, for time outside the SOC window and for the final SOC, at the price "
+            "that the concept sets; it is bought with more fuel."
+        )
     sentences += _better_sentences(found)
     gap = [one for one in found if one.gap_left is not None]
     if gap:

@@ -10,6 +10,8 @@
   const ROW_PX = 26;
   const config = {
     responsive: true, displaylogo: false, showTips: false,
+    // Without a pointer that hovers, the bar would stay on top of the legend.
+    displayModeBar: matchMedia("(hover: hover)").matches ? "hover" : false,
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
   };
 
