@@ -64,12 +64,14 @@ def table_tasks(problem: Problem) -> tuple[list[Task], list[Task]]:
     demand = vehicle.demand(load_cycle("larsson").resample(1.0))
     known = tabulate_filter(problem.pack, problem.uncertainty)
     controls = vehicle.controls(demand, levels).fuel_kgps.size
+    nodes = np.linspace(0.0, 1.0, known.measured.shape[1])
+    soc, variance = np.broadcast_arrays(nodes[None, :], known.level[:, None])
     return (
         [Task("Vehicle.controls", lambda: vehicle.controls(demand, levels), controls)],
         [
             Task(
-                "tabulate_filter",
-                lambda: tabulate_filter(problem.pack, problem.uncertainty),
+                "PiecewiseLinear.expectation",
+                lambda: problem.pack.ocv.alpha.expectation(soc, variance),
                 known.measured.size,
             )
         ],

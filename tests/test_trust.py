@@ -78,7 +78,8 @@ def check_self_consistency(concept, mu, realizations, truth=100):
     rollout = roll_out(problem, policy, draw_noise(5, realizations, problem.steps), belief_space=True)
     mean, error = mean_and_error(rollout.cost_kg - martingale(rollout, policy))
     assert error < 0.003 * policy.value_kg
-    # the control variate can push the error below that of the grids, which check 3 bounds
+    # The control variate leaves an error far below the 0.3 % asked for. At 1000 rollouts it resolves what the
+    # look-ups cost, 0.08 % for the HEV at the largest mu (docs/method.md).
     assert abs(mean - policy.value_kg) < max(3.0 * error, 0.001 * policy.value_kg)
     real = roll_out(problem, policy, draw_noise(6, truth, problem.steps))
     mean, error = mean_and_error(real.cost_kg)
@@ -96,7 +97,7 @@ def test_2_the_value_is_the_mean_cost_of_rollouts_in_belief_space(concept, reali
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.7e-3, 6e-3])
-@pytest.mark.parametrize(("concept", "realizations"), [("hev", 1000), ("phev", 1000)])
+@pytest.mark.parametrize(("concept", "realizations"), [("hev", 400), ("phev", 400)])
 def test_2_at_the_other_measurement_variances(concept, realizations, mu):
     check_self_consistency(concept, mu, realizations)
 
