@@ -17,13 +17,7 @@ from ems.solution import Solution
 
 
 class Policy(Protocol):
-    """Decides, at every step, the control and the engine state of the next step.
-
-    Attributes
-    ----------
-    name : str
-        The name that the command line and the results use.
-    """
+    """Decides, at every step, the control and the engine state of the next step."""
 
     @property
     def name(self) -> str:
