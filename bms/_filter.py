@@ -45,25 +45,22 @@ def expected_measurement_variance(known: Filter, soc: float, variance: float) ->
 
 
 @njit(cache=True, nogil=True)
-def step_belief(
-    known: Filter, soc: float, variance: float, moved: float, drift: float, innovation: float
-) -> tuple[float, float]:
-    """Move the belief over one step, [L] eqs 5, 8, 9.
+def weigh(known: Filter, soc: float, variance: float) -> tuple[float, float, float]:
+    """Weigh a belief against a measurement, [L] eq 8.
 
-    Parameters
-    ----------
-    known : Filter
-    soc, variance : float
-        The belief.
-    moved : float
-        Charge passed, in SOC.
-    drift : float
-        Process variance of the step.
-    innovation : float
-        Measured less estimated SOC.
+    Returns
+    -------
+    tuple of float
+        The gain, the variance after the measurement, and the variance of the innovation. The estimate moves
+        by the gain times the innovation, with standard deviation ``sqrt(gain * variance)``.
     """
     measured = expected_measurement_variance(known, soc, variance)
     total = variance + measured
     gain = variance / total if total > 0.0 else 0.0
-    estimate = min(max(soc + moved + gain * innovation, 0.0), 1.0)
-    return estimate, gain * measured + drift
+    return gain, gain * measured, total
+
+
+@njit(cache=True, nogil=True)
+def move_estimate(soc: float, moved: float, gain: float, innovation: float) -> float:
+    """Move the estimate over one step, [L] eq 5: by the charge that passed, in SOC, and what was learnt."""
+    return float(min(max(soc + moved + gain * innovation, 0.0), 1.0))

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._filter import Filter, at_soc, expected_measurement_variance, step_belief
-from ems._choose import ESTIMATE, TRUTH, choose, pack_at
+from bms._filter import Filter, at_soc, move_estimate, weigh
+from ems._choose import TRUTH, choose, pack_at
 from ems._rules import Rules, choose_by_rule
 from ems._sdp import Grid, Scalars, Stages, solve_current
 
@@ -73,17 +73,12 @@ def simulate(
             true, soc, p = tracks.soc[r, k], tracks.estimate[r, k], tracks.variance[r, k]
             engine = int(tracks.engine_on[r, k])
             seen = true if acts_on == TRUTH else soc
+            gain, posterior, total = weigh(known, soc, p)
             if acts_on == RULES:
                 control, engine_next = choose_by_rule(
                     rules, k, soc, engine, stages.power_W[k], shortfall_kg[k]
                 )
             else:
-                posterior = spread = 0.0
-                if acts_on == ESTIMATE:
-                    measured = expected_measurement_variance(known, soc, p)
-                    total = p + measured
-                    if total > 0.0:
-                        posterior, spread = p * measured / total, p / np.sqrt(total)
                 control, engine_next = choose(
                     grid,
                     scalars,
@@ -93,7 +88,7 @@ def simulate(
                     acts_on,
                     seen,
                     posterior,
-                    spread,
+                    np.sqrt(gain * p),
                     engine,
                 )
             ocv_V, discharge_ohm, charge_ohm, low_A, high_A = pack_at(pack, seen)
@@ -107,12 +102,11 @@ def simulate(
                 tracks.estimate[r, k + 1], tracks.variance[r, k + 1] = walked, 0.0
             else:
                 if belief_space:
-                    noise = np.sqrt(p + expected_measurement_variance(known, soc, p)) * measurement[r, k]
+                    noise = np.sqrt(total) * measurement[r, k]
                 else:
                     noise = true - soc + np.sqrt(known.mu * at_soc(known.alpha, true)) * measurement[r, k]
-                tracks.estimate[r, k + 1], tracks.variance[r, k + 1] = step_belief(
-                    known, soc, p, moved, drift, noise
-                )
+                tracks.estimate[r, k + 1] = move_estimate(soc, moved, gain, noise)
+                tracks.variance[r, k + 1] = posterior + drift
             tracks.soc[r, k + 1] = tracks.estimate[r, k + 1] if belief_space else walked
             tracks.engine_on[r, k + 1] = engine_next
             tracks.control[r, k] = control

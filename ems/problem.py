@@ -22,7 +22,7 @@ from vehicle import Demand, Vehicle
 
 Array = NDArray[np.float64]
 OnInfeasible = Literal["error", "limit"]
-SPEED_TOLERANCE_MPS = 1e-9
+STEP_TOLERANCE_S = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def build_problem(
     """
     settings = settings or GridSettings()
     vehicle, pack = concept.load_vehicle(), concept.load_pack()
-    if not cycle.is_uniform or abs(cycle.step_s - step_s) > SPEED_TOLERANCE_MPS:
+    if not cycle.is_uniform or abs(cycle.step_s - step_s) > STEP_TOLERANCE_S:
         cycle = cycle.resample(step_s)
     demand = vehicle.demand(cycle)
     if on_infeasible == "error":

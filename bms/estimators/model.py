@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from bms._filter import Filter, step_belief
+from bms._filter import Filter, move_estimate, weigh
 from bms.belief import SocBelief
 from bms.errors import BatteryError
 from bms.measurement import Measurement
@@ -53,14 +53,9 @@ class ModelEstimator:
                 "this plant measures a voltage, [L]'s estimator takes a SOC; choose another estimator"
             )
         before = self._belief
-        self._belief = SocBelief(
-            *step_belief(
-                self._known,
-                before.mean,
-                before.variance,
-                measurement.current_A * step_s / self._capacity_C,
-                float(self._uncertainty.process_variance(measurement.current_A, step_s)),
-                measurement.soc_from_voltage - before.mean,
-            )
-        )
+        gain, posterior, _ = weigh(self._known, before.mean, before.variance)
+        moved = measurement.current_A * step_s / self._capacity_C
+        drift = float(self._uncertainty.process_variance(measurement.current_A, step_s))
+        innovation = measurement.soc_from_voltage - before.mean
+        self._belief = SocBelief(move_estimate(before.mean, moved, gain, innovation), posterior + drift)
         return self._belief

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, final
 
-import numpy as np
-
 from bms import SocBelief
-from bms._filter import Filter, expected_measurement_variance
+from bms._filter import Filter, weigh
 from bms.filtering import tabulate_filter
-from ems._choose import ESTIMATE, Action, choose
+from ems._choose import Action, choose
 from ems.problem import Problem
 from ems.solution import Solution
 
@@ -70,12 +69,7 @@ class CostToGoPolicy:
 
     def act(self, belief: SocBelief, step: int, engine_on: bool) -> Action:
         """Decide at a step, see `Policy.act`."""
-        posterior = spread = 0.0
-        if self.acts_on == ESTIMATE:
-            measured = expected_measurement_variance(self._filter, belief.mean, belief.variance)
-            total = belief.variance + measured
-            if total > 0.0:
-                posterior, spread = belief.variance * measured / total, belief.variance / np.sqrt(total)
+        gain, posterior, _ = weigh(self._filter, belief.mean, belief.variance)
         stages = self.problem.stages
         return Action(
             *choose(
@@ -87,7 +81,7 @@ class CostToGoPolicy:
                 self.acts_on,
                 belief.mean,
                 posterior,
-                spread,
+                math.sqrt(gain * belief.variance),
                 int(engine_on),
             )
         )
