@@ -11,11 +11,11 @@ orthonormal ones, :math:`\psi_k = \pi_k / \sqrt{E[\pi_k^2]}`, therefore obey
 
 .. math:: \sqrt{b_{k+1}}\,\psi_{k+1}(x) = (x - a_k)\,\psi_k(x) - \sqrt{b_k}\,\psi_{k-1}(x),
 
-which is stable upwards in :math:`k` and never forms a factorial. The nodes of the n-point Gauss rule are the
-eigenvalues of the symmetric tridiagonal matrix with diagonal :math:`a_0 \ldots a_{n-1}` and off-diagonal
-:math:`\sqrt{b_1} \ldots \sqrt{b_{n-1}}` (Golub and Welsch, Math. Comp. 23, 1969); the weight of node
-:math:`x` is :math:`1 / \sum_{k<n} \psi_k(x)^2`. The rule is exact for polynomials up to
-degree :math:`2n - 1`.
+which is stable upwards in :math:`k` and never forms a factorial; differentiated once, it gives the slopes.
+The nodes of the n-point Gauss rule are the eigenvalues of the symmetric tridiagonal matrix with diagonal
+:math:`a_0 \ldots a_{n-1}` and off-diagonal :math:`\sqrt{b_1} \ldots \sqrt{b_{n-1}}` (Golub and Welsch, Math.
+Comp. 23, 1969); the weight of node :math:`x` is :math:`1 / \sum_{k<n} \psi_k(x)^2`. The rule is exact for
+polynomials up to degree :math:`2n - 1`.
 
 Since the basis is orthonormal, a coefficient 30 of the classical :math:`P_1(x) = x` on [-1, 1] is
 :math:`30 / \sqrt 3` here (ERRATA, [M] eq 20).
@@ -30,6 +30,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh_tridiagonal
+from scipy.special import betaln, xlog1py
 
 from gpc.errors import ChaosError
 
@@ -37,7 +38,20 @@ Array = NDArray[np.float64]
 
 
 class Family(ABC):
-    """A family of orthonormal polynomials; a concrete one only states its recurrence."""
+    """A family of orthonormal polynomials: a concrete one states its recurrence and its random variable."""
+
+    @property
+    @abstractmethod
+    def support(self) -> tuple[float, float]:
+        """Give the ends of the interval on which the variable lives."""
+
+    @abstractmethod
+    def density(self, x: ArrayLike) -> Array:
+        """Evaluate the probability density of the variable at ``x``; zero outside the support."""
+
+    @abstractmethod
+    def sample(self, generator: np.random.Generator, size: int) -> Array:
+        """Draw ``size`` values of the variable, shape (size,)."""
 
     @abstractmethod
     def recurrence(self, n: int) -> tuple[Array, Array]:
@@ -68,11 +82,8 @@ class Family(ABC):
         ChaosError
             When the degree is negative.
         """
-        if degree < 0:
-            raise ChaosError(f"the degree of a polynomial is 0 or more, got {degree}")
         points = np.asarray(x, dtype=np.float64)
-        a, b = self.recurrence(degree + 1)
-        root = np.sqrt(b)
+        a, root = self._steps(degree)
         psi = np.empty((degree + 1, *points.shape))
         psi[0] = 1.0
         for k in range(degree):
@@ -81,6 +92,44 @@ class Family(ABC):
                 psi[k + 1] -= root[k] * psi[k - 1]
             psi[k + 1] /= root[k + 1]
         return psi
+
+    def evaluate_with_derivative(self, x: ArrayLike, degree: int) -> tuple[Array, Array]:
+        """Evaluate the orthonormal polynomials of degree 0 to ``degree`` and their first derivatives.
+
+        Parameters
+        ----------
+        x : array_like
+            Points.
+        degree : int
+            Highest degree, at least 0.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (degree + 1, *x.shape)
+            Values, those of `evaluate`, and slopes.
+
+        Raises
+        ------
+        ChaosError
+            When the degree is negative.
+        """
+        points = np.asarray(x, dtype=np.float64)
+        psi = self.evaluate(points, degree)
+        a, root = self._steps(degree)
+        slope = np.zeros_like(psi)
+        for k in range(degree):
+            slope[k + 1] = psi[k] + (points - a[k]) * slope[k]
+            if k > 0:
+                slope[k + 1] -= root[k] * slope[k - 1]
+            slope[k + 1] /= root[k + 1]
+        return psi, slope
+
+    def _steps(self, degree: int) -> tuple[Array, Array]:
+        """Give ``a_k`` and the square roots of ``b_k`` for k = 0 to ``degree``."""
+        if degree < 0:
+            raise ChaosError(f"the degree of a polynomial is 0 or more, got {degree}")
+        a, b = self.recurrence(degree + 1)
+        return a, np.sqrt(b)
 
     def gauss(self, n: int) -> tuple[Array, Array]:
         """Build the Gauss rule of ``n`` points, exact up to degree ``2 n - 1``.
@@ -116,6 +165,19 @@ class Legendre(Family):
         b[1:] = k[1:] ** 2 / (4.0 * k[1:] ** 2 - 1.0)
         return np.zeros(n), b
 
+    @property
+    def support(self) -> tuple[float, float]:
+        """Give the ends of the interval, -1 and 1."""
+        return -1.0, 1.0
+
+    def density(self, x: ArrayLike) -> Array:
+        """Evaluate the density, one half on [-1, 1], see `Family.density`."""
+        return np.where(np.abs(np.asarray(x, dtype=np.float64)) <= 1.0, 0.5, 0.0)
+
+    def sample(self, generator: np.random.Generator, size: int) -> Array:
+        """Draw ``size`` values, see `Family.sample`."""
+        return generator.uniform(-1.0, 1.0, size)
+
 
 @final
 @dataclass(frozen=True)
@@ -127,6 +189,20 @@ class Hermite(Family):
         b = np.arange(n, dtype=np.float64)
         b[:1] = 1.0
         return np.zeros(n), b
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Give the ends of the interval: the whole line."""
+        return -np.inf, np.inf
+
+    def density(self, x: ArrayLike) -> Array:
+        """Evaluate the standard normal density, see `Family.density`."""
+        points = np.asarray(x, dtype=np.float64)
+        return np.asarray(np.exp(-0.5 * points**2) / np.sqrt(2.0 * np.pi), dtype=np.float64)
+
+    def sample(self, generator: np.random.Generator, size: int) -> Array:
+        """Draw ``size`` values, see `Family.sample`."""
+        return generator.standard_normal(size)
 
 
 @final
@@ -170,6 +246,24 @@ class Jacobi(Family):
         numerator = 4.0 * k * (k + self.a - 1.0) * (k + self.b - 1.0) * (k + s - 2.0)
         scale[2:] = numerator / (middle**2 * (middle + 1.0) * (middle - 1.0))
         return centre, scale
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Give the ends of the interval, -1 and 1."""
+        return -1.0, 1.0
+
+    def density(self, x: ArrayLike) -> Array:
+        """Evaluate the density, infinite at an end whose exponent is negative, see `Family.density`."""
+        points = np.asarray(x, dtype=np.float64)
+        inside = np.abs(points) <= 1.0
+        at = np.where(inside, points, 0.0)
+        # In logarithms: the Beta function of large parameters underflows.
+        log = xlog1py(self.a - 1.0, at) + xlog1py(self.b - 1.0, -at) - betaln(self.a, self.b)
+        return np.where(inside, np.exp(log - (self.a + self.b - 1.0) * np.log(2.0)), 0.0)
+
+    def sample(self, generator: np.random.Generator, size: int) -> Array:
+        """Draw ``size`` values, see `Family.sample`."""
+        return 2.0 * generator.beta(self.a, self.b, size) - 1.0
 
 
 def beta_rule(a: float, b: float, n: int) -> tuple[Array, Array]:

@@ -114,6 +114,51 @@ def test_evaluate_keeps_the_shape_of_its_points():
     assert Hermite().evaluate(0.3, 0).shape == (1,)
 
 
+@pytest.mark.parametrize("family", FAMILIES, ids=repr)
+def test_slopes_are_those_of_the_polynomials(family):
+    """Against the power series that the polynomials' values at a few points determine."""
+    degree = 6
+    x = np.linspace(-0.95, 0.95, 13)
+    psi, slope = family.evaluate_with_derivative(x, degree)
+    np.testing.assert_array_equal(psi, family.evaluate(x, degree))
+    for k in range(degree + 1):
+        series = np.polynomial.Polynomial.fit(x, psi[k], k, domain=[-1.0, 1.0])
+        np.testing.assert_allclose(slope[k], series.deriv()(x), rtol=1e-8, atol=1e-8 * np.abs(slope[k]).max())
+
+
+def test_slopes_in_closed_form():
+    x = np.linspace(-1.0, 1.0, 9)
+    # P_k'(1) = k (k + 1) / 2, and He_k' = k He_(k-1).
+    slope = Legendre().evaluate_with_derivative(1.0, 5)[1]
+    k = np.arange(6)
+    np.testing.assert_allclose(slope, np.sqrt(2 * k + 1) * k * (k + 1) / 2, rtol=1e-13)
+    psi, slope = Hermite().evaluate_with_derivative(x, 5)
+    np.testing.assert_allclose(slope[1:], np.sqrt(k[1:, np.newaxis]) * psi[:-1], atol=1e-13)
+    np.testing.assert_array_equal(slope[0], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("family", "frozen"),
+    [
+        (Legendre(), stats.uniform(-1.0, 2.0)),
+        (Hermite(), stats.norm()),
+        (Jacobi(0.5, 0.5), stats.beta(0.5, 0.5, -1.0, 2.0)),
+        (Jacobi(2.5, 0.3), stats.beta(2.5, 0.3, -1.0, 2.0)),
+        (Jacobi(4000.0, 700.0), stats.beta(4000.0, 700.0, -1.0, 2.0)),
+    ],
+    ids=repr,
+)
+def test_the_random_variable_is_that_of_the_polynomials(family, frozen):
+    x = np.linspace(-1.5, 1.5, 300)
+    np.testing.assert_allclose(family.density(x), frozen.pdf(x), rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(family.density(np.array([-1.0, 1.0])), frozen.pdf([-1.0, 1.0]), rtol=1e-9)
+    assert family.support == pytest.approx(frozen.support())
+    draws = family.sample(np.random.default_rng(3), 4000)
+    assert draws.shape == (4000,)
+    # Kolmogorov and Smirnov: a wrong family would give zero.
+    assert stats.kstest(draws, frozen.cdf).pvalue > 1e-3
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -121,6 +166,7 @@ def test_evaluate_keeps_the_shape_of_its_points():
         (lambda: Jacobi(1.0, float("nan")), "b must be positive and finite, got nan"),
         (lambda: Legendre().gauss(0), "1 point or more, got 0"),
         (lambda: Hermite().evaluate(0.0, -1), "0 or more, got -1"),
+        (lambda: Hermite().evaluate_with_derivative(0.0, -1), "0 or more, got -1"),
     ],
 )
 def test_bad_parameters_are_named(call, said):
