@@ -82,16 +82,17 @@ class OcvCurve:
         object.__setattr__(self, "voltage_V", voltage_V)
 
     @cached_property
-    def _interpolant(self) -> PchipInterpolator:
+    def interpolant(self) -> PchipInterpolator:
+        """The shape-preserving cubic through the table."""
         return PchipInterpolator(self.soc, self.voltage_V)
 
     def __call__(self, soc: ArrayLike) -> NDArray[np.float64]:
         """Open-circuit voltage in V at ``soc``, which is clipped to [0, 1]."""
-        return np.asarray(self._interpolant(np.clip(soc, 0.0, 1.0)), dtype=np.float64)
+        return np.asarray(self.interpolant(np.clip(soc, 0.0, 1.0)), dtype=np.float64)
 
     def slope_V(self, soc: ArrayLike) -> NDArray[np.float64]:
         """Slope dOCV/dSOC in V per unit of SOC at ``soc`` (clipped to [0, 1])."""
-        return np.asarray(self._interpolant(np.clip(soc, 0.0, 1.0), 1), dtype=np.float64)
+        return np.asarray(self.interpolant(np.clip(soc, 0.0, 1.0), 1), dtype=np.float64)
 
     @cached_property
     def alpha(self) -> PiecewiseLinear:

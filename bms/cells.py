@@ -1,0 +1,117 @@
+"""Cells by name or from the user's TOML file, with its tables in the file or in a CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from bms.cell import Cell
+from bms.errors import BatteryError
+from bms.table_csv import read_columns
+from bms.toml_file import complaint, find_file, preset_names, read_toml
+
+PRESETS = Path(__file__).parent / "presets" / "cells"
+
+REQUIRED = ("soc", "ocv_V", "resistance_ohm")
+RELAXATION = tuple(
+    f"relaxation_{pair}_{what}" for pair in (1, 2) for what in ("resistance_ohm", "time_constant_s")
+)
+OPTIONAL = (*RELAXATION, "hysteresis_V", "temperature_C")
+"""Columns that a cell's CSV may have besides; with temperature_C there is a row for every pair of nodes."""
+
+
+def cell_names() -> list[str]:
+    """Names of the cells that come with socwise."""
+    return preset_names(PRESETS)
+
+
+def load_cell(name_or_path: str | Path) -> Cell:
+    """Load a preset by name, or a TOML file by path.
+
+    The tables stand in the file itself or in a CSV that ``tables`` names, relative to the TOML file, with the
+    columns ``soc``, ``ocv_V``, ``resistance_ohm`` and, as far as the cell has them,
+    ``relaxation_1_resistance_ohm``, ``relaxation_1_time_constant_s`` (and ``_2_``), ``hysteresis_V`` and
+    ``temperature_C``.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        One of `cell_names`, in upper or lower case, or the path of a ``.toml`` file.
+
+    Raises
+    ------
+    BatteryError
+        Unknown name (with the nearest known one), unreadable file, unknown key, value out of range.
+    """
+    path = find_file(name_or_path, PRESETS, "battery cell")
+    return parse_cell(read_toml(path, "cell"), path)
+
+
+def parse_cell(data: dict[str, Any], path: Path) -> Cell:
+    """Validate the content of a cell file; ``path`` names it in errors and anchors its CSV."""
+    content = dict(data)
+    tables = content.pop("tables", None)
+    if tables is not None:
+        both = [key for key in (*REQUIRED, "temperature_C", "relaxation") if key in content]
+        if both:
+            raise BatteryError(f"{path} gives {both[0]} and names the table {tables}; keep one of the two")
+        content |= _tables(path.parent / str(tables), content)
+    try:
+        return Cell(**content)
+    except ValidationError as error:
+        raise complaint(error, Cell, path, "battery cell", ("tables",)) from error
+
+
+def _tables(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Turn a CSV into the fields of a cell."""
+    columns = read_columns(path, required=REQUIRED, optional=OPTIONAL)
+    nodes_C = sorted(set(columns.get("temperature_C", ())))
+    rows = _rows_by_temperature(path, columns, nodes_C)
+    first = rows[0]
+    if any(row["ocv_V"] != first["ocv_V"] for row in rows):
+        raise BatteryError(f"{path}: ocv_V differs between temperatures; the OCV is one table over soc")
+    found: dict[str, Any] = {"soc": first["soc"], "ocv_V": first["ocv_V"]}
+
+    def quantity(name: str) -> Any:
+        return tuple(row[name] for row in rows) if nodes_C else first[name]
+
+    found["resistance_ohm"] = quantity("resistance_ohm")
+    if nodes_C:
+        found["temperature_C"] = tuple(nodes_C)
+    pairs = []
+    for ohm, seconds in (RELAXATION[:2], RELAXATION[2:]):
+        if (ohm in columns) != (seconds in columns):
+            raise BatteryError(f"{path}: {ohm} and {seconds} come together; give both or none")
+        if ohm in columns:
+            pairs.append({"resistance_ohm": quantity(ohm), "time_constant_s": quantity(seconds)})
+    found["relaxation"] = tuple(pairs)
+    if "hysteresis_V" in columns:
+        given = content.get("hysteresis")
+        if not isinstance(given, dict) or set(given) != {"rate"}:
+            raise BatteryError(
+                f"{path} has the column hysteresis_V; the cell's file then gives its rate alone:"
+                " [hysteresis] with rate = 50, say"
+            )
+        found["hysteresis"] = {"voltage_V": first["hysteresis_V"], "rate": given["rate"]}
+    return found
+
+
+def _rows_by_temperature(
+    path: Path, columns: dict[str, tuple[float, ...]], nodes_C: list[float]
+) -> list[dict[str, tuple[float, ...]]]:
+    """Divide the columns by temperature; each part must have the same SOC nodes."""
+    if not nodes_C:
+        return [columns]
+    rows = []
+    for node in nodes_C:
+        at = [k for k, value in enumerate(columns["temperature_C"]) if value == node]
+        rows.append({name: tuple(values[k] for k in at) for name, values in columns.items()})
+    for node, row in zip(nodes_C, rows, strict=True):
+        if row["soc"] != rows[0]["soc"]:
+            raise BatteryError(
+                f"{path}: the soc nodes at {node:g} deg C are not those at {nodes_C[0]:g} deg C;"
+                " give a row for every pair of temperature and soc"
+            )
+    return rows
