@@ -1,0 +1,97 @@
+"""Coulomb counting as a numba kernel; the maths stands in `bms.estimators.coulomb`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bms._ecm import Circuit
+from bms.estimators import _gate
+from bms.estimators._gate import Gate, screen
+from bms.estimators._reset import read_rest
+
+Array = NDArray[np.float64]
+
+SOC, START_VARIANCE, SINCE_RESET_S, WHITE_C2, DOUBT_C2, START_SOC, WAS_AT_REST = 0, 1, 2, 3, 4, 5, 6
+SIZE = 7
+"""Places in the memory behind the gate's."""
+
+
+class Settings(NamedTuple):
+    """Settings of coulomb counting."""
+
+    current_sd_A: float
+    bias_sd_A: float
+    capacity_share: float  # relative standard deviation of the capacity
+    full_sd: float
+    rest_doubt_V: float
+    resets_at_rest: bool
+    resets_at_full: bool
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _variance(settings: Settings, x: Array, per_C: float) -> float:
+    """Variance of the SOC: where it started, noise, doubt, offset, and the capacity."""
+    offset = settings.bias_sd_A * x[SINCE_RESET_S] * per_C
+    scale = settings.capacity_share * (x[SOC] - x[START_SOC])
+    charge = (x[WHITE_C2] + x[DOUBT_C2]) * per_C * per_C
+    return float(x[START_VARIANCE] + charge + offset * offset + scale * scale)
+
+
+@njit(cache=True, nogil=True)
+def _restart(x: Array, soc: float, variance: float) -> None:
+    x[SOC], x[START_SOC], x[START_VARIANCE] = soc, soc, variance
+    x[SINCE_RESET_S], x[WHITE_C2], x[DOUBT_C2] = 0.0, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True)
+def run(
+    circuit: Circuit,
+    gate: Gate,
+    settings: Settings,
+    memory: Array,
+    current_A: Array,
+    voltage_V: Array,
+    step_s: Array,
+    temperature_C: Array,
+    every: int,
+    rows: Array,
+    row: Array,
+) -> None:
+    """Take samples; see `bms.estimators.base.KernelEstimator` for the arguments."""
+    guide, knot, cubic, per_C = circuit.guide, circuit.knot, circuit.cubic, 1.0 / circuit.capacity_C
+    g, x = memory[: _gate.SIZE], memory[_gate.SIZE :]
+    pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
+    for k in range(current_A.size):
+        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        flags = seen.flags
+        x[SOC] += seen.drive_A * seen.step_s * per_C
+        x[SINCE_RESET_S] += seen.step_s
+        x[WHITE_C2] += (settings.current_sd_A * seen.step_s) ** 2
+        x[DOUBT_C2] += seen.charge_variance_C2
+        if settings.resets_at_full and flags & _gate.FULL:
+            _restart(x, 1.0, settings.full_sd**2)
+        at_rest = flags & _gate.REST != 0
+        if settings.resets_at_rest and at_rest and seen.usable and x[WAS_AT_REST] == 0.0:
+            soc, doubt = read_rest(guide, knot, cubic, voltage_V[k], settings.rest_doubt_V)
+            before = _variance(settings, x, per_C)
+            gain = before / (before + doubt) if before + doubt > 0.0 else 0.0
+            _restart(x, x[SOC] + gain * (soc - x[SOC]), (1.0 - gain) * before)
+        x[WAS_AT_REST] = 1.0 if at_rest else 0.0
+        if not 0.0 <= x[SOC] <= 1.0:
+            x[SOC] = min(max(x[SOC], 0.0), 1.0)
+            flags |= _gate.LIMIT
+        pending |= flags
+        if k == due or k == current_A.size - 1:
+            # Nothing is less certain than a SOC that is anywhere between empty and full.
+            variance = min(_variance(settings, x, per_C), 1.0 / 12.0)
+            row[0], row[1], row[2], row[3] = x[SOC], variance, math.nan, flags
+        if k == due:
+            rows[at] = row
+            rows[at, 3] = pending
+            pending, at, due = 0, at + 1, due + every
+    g[_gate.PENDING] = pending

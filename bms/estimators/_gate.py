@@ -1,0 +1,228 @@
+r"""What every estimator does with a sample before it believes it.
+
+A reading is *bad* when it is missing (NaN, inf), outside its range, or stuck: the same number at ten
+samples or more while the other reading says that it must move (both are stuck when a voltage stays the same
+to the last bit while a few per cent of the charge seem to pass). A bad voltage is not used. A bad current is
+replaced by the recent mean :math:`\bar I` (over some ten minutes) with the doubt :math:`s_I`, the recent
+spread. The error of a replaced current persists, so over a bad stretch the doubt about the charge grows
+linearly and its variance with the square:
+
+.. math:: d' = d + s_I h, \qquad \Delta \operatorname{var}(\text{charge}) = d'^2 - d^2 .
+
+The same holds over a gap between samples; over a long one the battery is taken to have rested, with the doubt
+of half an hour of use. A sample also gives away rest (little current for long enough) and full charge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CURRENT_MISSING = 1
+CURRENT_RANGE = 2
+VOLTAGE_MISSING = 4
+VOLTAGE_RANGE = 8
+STUCK = 16
+GAP = 32
+OUTLIER = 64
+MISMATCH = 128
+LIMIT = 256
+REST = 512
+FULL = 1024
+
+STUCK_SAMPLES = 10
+STUCK_JUMPS = 3
+
+SEEN, LAST_A, LAST_DOUBT_A, MEAN_A, SQUARE_A2, DOUBT_C = 0, 1, 2, 3, 4, 5
+RAW_V, SAME_V, LOW_A, HIGH_A = 6, 7, 8, 9
+RAW_A, SAME_A, JUMPS = 10, 11, 12
+REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM = 13, 14, 15, 16, 17, 18
+SIZE = 19
+"""Places in the gate's part of an estimator's memory, and how many there are."""
+
+
+class Gate(NamedTuple):
+    """Limits of what is believed."""
+
+    current_limit_A: float
+    voltage_low_V: float
+    voltage_high_V: float
+    gap_s: float  # a longer step is a gap
+    long_gap_s: float  # over a longer gap the battery rested
+    per_memory: float  # 1 / the time constant of the current's mean and spread, 1/s
+    stuck_A: float  # a current swing that must move the voltage
+    jump_V: float  # a voltage jump that needs a current
+    stuck_C: float  # a charge that must move the voltage
+    doubt_A: float  # least doubt about a replaced current
+    rest_A: float  # no more than this is rest
+    rest_after_s: float
+    full_V: float  # inf: no full charge known
+    full_A: float
+    full_after_s: float
+    looks_back: bool  # the current of a sample flowed since the one before, not from here on
+
+
+class Screened(NamedTuple):
+    """What the gate makes of a sample."""
+
+    drive_A: float  # current that flowed since the previous sample
+    now_A: float  # current that flows as the voltage is read
+    doubt_A: float  # standard deviation of now_A beyond sensor noise
+    charge_variance_C2: float  # added to the variance of the charge by this step
+    usable: bool  # whether the voltage may be used
+    temperature_C: float
+    step_s: float
+    flags: int
+
+
+@njit(cache=True, nogil=True, inline="always")
+def screen(
+    gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, temperature_C: float
+) -> Screened:
+    """Judge a sample and remember what the next one is judged by.
+
+    Parameters
+    ----------
+    gate : Gate
+        Limits.
+    g : ndarray, shape (SIZE,)
+        The gate's memory; changed.
+    current_A, voltage_V, step_s, temperature_C : float
+        The sample; the step since the previous one is taken as 0 at the first.
+    """
+    # After an ordinary sample, an ordinary one is told from all others here; NaN fails each comparison.
+    if (
+        g[CALM] == 1.0
+        and gate.rest_A < abs(current_A) <= gate.current_limit_A
+        and gate.voltage_low_V <= voltage_V <= gate.voltage_high_V
+        and voltage_V < gate.full_V
+        and step_s <= gate.gap_s
+        and voltage_V != g[RAW_V]
+        and current_A != g[RAW_A]
+        and math.isnan(temperature_C)
+    ):
+        drive = current_A if gate.looks_back else g[LAST_A]
+        g[RAW_V], g[RAW_A], g[LAST_A] = voltage_V, current_A, current_A
+        _remember_current(gate, g, current_A, step_s)
+        return Screened(drive, current_A, 0.0, 0.0, True, g[TEMPERATURE_C], step_s, 0)
+    return _judge(gate, g, current_A, voltage_V, step_s, temperature_C)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _remember_current(gate: Gate, g: Array, current_A: float, step_s: float) -> None:
+    """Move the recent mean and mean square."""
+    weight = min(step_s * gate.per_memory, 1.0)
+    g[MEAN_A] += weight * (current_A - g[MEAN_A])
+    g[SQUARE_A2] += weight * (current_A * current_A - g[SQUARE_A2])
+
+
+@njit(cache=True, nogil=True)
+def _judge(
+    gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, temperature_C: float
+) -> Screened:
+    """Look at a sample from every side."""
+    first = g[SEEN] == 0.0
+    step = 0.0 if first else step_s
+    if math.isfinite(temperature_C):
+        g[TEMPERATURE_C] = temperature_C
+    flags = _range_flags(gate, current_A, voltage_V)
+    stuck_current, stuck_voltage = _stuck(gate, g, current_A, voltage_V, step, flags, first)
+    if stuck_current or stuck_voltage:
+        flags |= STUCK
+    bad_current = stuck_current or flags & (CURRENT_MISSING | CURRENT_RANGE) != 0
+    bad_voltage = stuck_voltage or flags & (VOLTAGE_MISSING | VOLTAGE_RANGE) != 0
+    spread = math.sqrt(max(g[SQUARE_A2] - g[MEAN_A] * g[MEAN_A], 0.0)) + gate.doubt_A
+    if bad_current:
+        now, doubt = g[MEAN_A], spread
+    else:
+        now, doubt = current_A, 0.0
+        _remember_current(gate, g, now, step)
+    drive, drive_doubt = (now, doubt) if gate.looks_back else (g[LAST_A], g[LAST_DOUBT_A])
+    if step > gate.gap_s:
+        flags |= GAP
+        long = step > gate.long_gap_s
+        drive = 0.0 if long else g[MEAN_A]
+        drive_doubt = spread * gate.long_gap_s / step if long else spread
+    before = g[DOUBT_C]
+    g[DOUBT_C] = before + drive_doubt * step if drive_doubt > 0.0 else 0.0
+    added = g[DOUBT_C] * g[DOUBT_C] - before * before if drive_doubt > 0.0 else 0.0
+    flags |= _occasion(gate, g, now, voltage_V, step, bad_current, bad_voltage)
+    g[SEEN], g[LAST_A], g[LAST_DOUBT_A] = 1.0, now, doubt
+    calm = flags == 0 and g[SAME_V] + g[SAME_A] + g[JUMPS] + g[REST_S] + g[FULL_S] + g[DOUBT_C] == 0.0
+    g[CALM] = 1.0 if calm else 0.0
+    return Screened(drive, now, doubt, added, not bad_voltage, g[TEMPERATURE_C], step, flags)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _range_flags(gate: Gate, current_A: float, voltage_V: float) -> int:
+    flags = 0
+    if not math.isfinite(current_A):
+        flags |= CURRENT_MISSING
+    elif abs(current_A) > gate.current_limit_A:
+        flags |= CURRENT_RANGE
+    if not math.isfinite(voltage_V):
+        flags |= VOLTAGE_MISSING
+    elif voltage_V < gate.voltage_low_V or voltage_V > gate.voltage_high_V:
+        flags |= VOLTAGE_RANGE
+    return flags
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _stuck(
+    gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, flags: int, first: bool
+) -> tuple[bool, bool]:
+    """Count repeated readings of current and voltage, and how far the other reading moved meanwhile."""
+    has_current, has_voltage = flags & CURRENT_MISSING == 0, flags & VOLTAGE_MISSING == 0
+    if has_voltage:
+        if voltage_V == g[RAW_V] and not first:
+            if g[SAME_V] == 0.0:
+                g[LOW_A], g[HIGH_A] = g[LAST_A], g[LAST_A]
+            g[SAME_V] += 1.0
+            g[SAME_C] += abs(g[LAST_A]) * step_s
+        else:
+            if abs(voltage_V - g[RAW_V]) > gate.jump_V:
+                g[JUMPS] += 1.0
+            g[RAW_V], g[SAME_V], g[SAME_C] = voltage_V, 0.0, 0.0
+    if has_current:
+        g[LOW_A], g[HIGH_A] = min(g[LOW_A], current_A), max(g[HIGH_A], current_A)
+        if current_A == g[RAW_A] and not first:
+            g[SAME_A] += 1.0
+        else:
+            g[RAW_A], g[SAME_A], g[JUMPS] = current_A, 0.0, 0.0
+    repeats_voltage, repeats_current = g[SAME_V] >= STUCK_SAMPLES, g[SAME_A] >= STUCK_SAMPLES
+    both = repeats_voltage and repeats_current and g[SAME_C] > gate.stuck_C
+    stuck_voltage = repeats_voltage and g[HIGH_A] - g[LOW_A] > gate.stuck_A
+    return both or (repeats_current and g[JUMPS] >= STUCK_JUMPS), both or stuck_voltage
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _occasion(
+    gate: Gate,
+    g: Array,
+    current_A: float,
+    voltage_V: float,
+    step_s: float,
+    bad_current: bool,
+    bad_voltage: bool,
+) -> int:
+    """Notice rest and full charge, both only after they have lasted."""
+    flags = 0
+    if bad_current or abs(current_A) > gate.rest_A:
+        g[REST_S] = 0.0
+    else:
+        g[REST_S] += step_s
+        if g[REST_S] >= gate.rest_after_s:
+            flags |= REST
+    if bad_current or bad_voltage or voltage_V < gate.full_V or not 0.0 <= current_A <= gate.full_A:
+        g[FULL_S] = 0.0
+    else:
+        g[FULL_S] += step_s
+        if g[FULL_S] >= gate.full_after_s:
+            flags |= FULL
+    return flags
