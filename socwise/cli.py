@@ -20,6 +20,7 @@ from socwise.commands.compare import compare
 from socwise.commands.cycles import cycles
 from socwise.commands.doctor import doctor
 from socwise.commands.errors import user_errors
+from socwise.commands.estimate import estimate
 from socwise.commands.report import report
 from socwise.commands.reproduce import reproduce
 from socwise.commands.screen import complain
@@ -31,6 +32,7 @@ INTERRUPTED = 130
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 app.command()(compare)
 app.command()(solve)
+app.command()(estimate)
 app.add_typer(cycles, name="cycles")
 app.command()(reproduce)
 app.command()(report)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import math
 import platform
 import re
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +15,11 @@ from ems.records import Case, Comparison
 from socwise.figures import write_figures
 from socwise.report import write_report
 from socwise.results import StoredComparison, StoreError, check_writable, read, write_case
+from socwise.results.plain import finite, versions, write_json, write_rows
 from socwise.results.staging import FORMAT, MANIFEST, files_below, staged
 
 __all__ = ["StoreError", "StoredComparison", "case_files", "check_writable", "read", "write"]
 
-_PACKAGES = ("socwise", "numpy", "scipy", "numba", "matplotlib", "plotly", "pydantic")
 _REPORT = "report.html"
 _TIMING = "solve_s"
 
@@ -45,10 +43,10 @@ def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path) -> 
     StoreError
         If the folder holds something else or cannot be written.
     """
-    result = _finite(dict(result_json))
+    result = finite(dict(result_json))
     with staged(out) as folder:
-        _write_json(folder / "result.json", result)
-        _write_summary(folder / "summary.csv", result["cases"])
+        write_json(folder / "result.json", result)
+        write_rows(folder / "summary.csv", result["cases"], without=(_TIMING,))
         _write_cycle(folder / "cycle.csv", comparison)
         (folder / "cases").mkdir()
         files = case_files(comparison.cases)
@@ -56,7 +54,7 @@ def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path) -> 
             write_case(case, comparison.seed, folder / name)
         write_figures(comparison, folder / "figures")
         manifest = _manifest(comparison, files, files_below(folder))
-        _write_json(folder / MANIFEST, manifest)
+        write_json(folder / MANIFEST, manifest)
         write_report(read(folder), folder / _REPORT)
 
 
@@ -77,7 +75,7 @@ def case_files(cases: tuple[Case, ...]) -> list[str]:
 
 
 def _manifest(comparison: Comparison, case_names: list[str], written: list[str]) -> dict[str, Any]:
-    settings = _finite(comparison.settings)
+    settings = finite(comparison.settings)
     canonical = json.dumps(settings, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return {
         "format": FORMAT,
@@ -85,7 +83,7 @@ def _manifest(comparison: Comparison, case_names: list[str], written: list[str])
         "seed": comparison.seed,
         "cycle": comparison.cycle_name,
         "python": platform.python_version(),
-        "packages": _versions(),
+        "packages": versions(),
         "settings_sha256": hashlib.sha256(canonical.encode()).hexdigest(),
         "settings": settings,
         "cases": [
@@ -96,35 +94,6 @@ def _manifest(comparison: Comparison, case_names: list[str], written: list[str])
     }
 
 
-def _versions() -> dict[str, str]:
-    found = {}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
-
-
-def _write_summary(path: Path, rows: list[dict[str, Any]]) -> None:
-    flat = [{key: value for key, value in _flatten(row).items() if key != _TIMING} for row in rows]
-    columns = list(dict.fromkeys(key for row in flat for key in row))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(flat)
-
-
-def _flatten(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in row.items():
-        if isinstance(value, Mapping):
-            flat |= _flatten(value, f"{prefix}{key}_")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
-
-
 def _write_cycle(path: Path, comparison: Comparison) -> None:
     columns = (comparison.time_s, comparison.speed_mps, comparison.altitude_m)
     rows = zip(*(column.tolist() for column in columns), strict=True)
@@ -132,19 +101,3 @@ def _write_cycle(path: Path, comparison: Comparison) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("time_s", "speed_mps", "altitude_m"))
         writer.writerows(rows)
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
-
-
-def _finite(value: Any) -> Any:
-    """Replace NaN and infinity, which JSON does not know, by None, at any depth."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

@@ -17,6 +17,7 @@ from typing import Any
 
 MANIFEST = "manifest.json"
 FORMAT = "socwise comparison"
+ESTIMATE_FORMAT = "socwise estimate"
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 
 
@@ -24,13 +25,15 @@ class StoreError(ValueError):
     """Results cannot be written to, or read from, the folder that was named; the message says what to do."""
 
 
-def check_writable(out: Path) -> None:
+def check_writable(out: Path, form: str = FORMAT) -> None:
     """Make sure that results can go to a folder, before anything is computed. Leaves nothing behind.
 
     Parameters
     ----------
     out : Path
-        The folder. It may be absent, empty, or hold earlier results and nothing else.
+        The folder. It may be absent, empty, or hold earlier results of this form and nothing else.
+    form : str
+        What the manifest calls the results.
 
     Raises
     ------
@@ -38,7 +41,7 @@ def check_writable(out: Path) -> None:
         If it is a file, holds anything that is not ours, or cannot be created.
     """
     target = _resolve(out)
-    _check_replaceable(target, out)
+    _check_replaceable(target, out, form)
     ancestor = _existing_ancestor(target.parent)
     if not ancestor.is_dir():
         raise StoreError(f"cannot write to {out}: {ancestor} is a file; choose another --out")
@@ -49,13 +52,15 @@ def check_writable(out: Path) -> None:
 
 
 @contextmanager
-def staged(out: Path) -> Iterator[Path]:
+def staged(out: Path, form: str = FORMAT) -> Iterator[Path]:
     """Give an empty folder to write to, and put it in the place of ``out`` if the block succeeds.
 
     Parameters
     ----------
     out : Path
         The folder that is to hold the results.
+    form : str
+        What the manifest calls the results; a folder with others is not touched.
 
     Yields
     ------
@@ -67,7 +72,7 @@ def staged(out: Path) -> Iterator[Path]:
     StoreError
         As `check_writable`, or if the disk refuses while writing.
     """
-    check_writable(out)
+    check_writable(out, form)
     target = _resolve(out)
     created = _make_parents(target.parent)
     staging: Path | None = None
@@ -76,7 +81,7 @@ def staged(out: Path) -> Iterator[Path]:
         # mkdtemp keeps others out; results get the permissions of any new folder.
         staging.chmod(0o777 & ~_umask())
         yield staging
-        _swap(staging, target, out)
+        _swap(staging, target, out, form)
     except BaseException as error:
         if staging is not None:
             shutil.rmtree(staging, ignore_errors=True)
@@ -88,13 +93,13 @@ def staged(out: Path) -> Iterator[Path]:
         raise
 
 
-def load_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder of results, or None if the folder does not hold one of ours."""
+def load_manifest(folder: Path, form: str = FORMAT) -> dict[str, Any] | None:
+    """Return the manifest of a folder of results, or None if the folder holds none of this form."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return manifest if isinstance(manifest, dict) and manifest.get("format") == FORMAT else None
+    return manifest if isinstance(manifest, dict) and manifest.get("format") == form else None
 
 
 def files_below(folder: Path) -> list[str]:
@@ -102,8 +107,8 @@ def files_below(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
 
 
-def _swap(staging: Path, target: Path, out: Path) -> None:
-    _check_replaceable(target, out)
+def _swap(staging: Path, target: Path, out: Path, form: str) -> None:
+    _check_replaceable(target, out, form)
     if not target.exists():
         staging.rename(target)
         return
@@ -120,7 +125,7 @@ def _swap(staging: Path, target: Path, out: Path) -> None:
     shutil.rmtree(backup, ignore_errors=True)
 
 
-def _check_replaceable(target: Path, out: Path) -> None:
+def _check_replaceable(target: Path, out: Path, form: str) -> None:
     if not target.exists():
         return
     if not target.is_dir():
@@ -128,10 +133,12 @@ def _check_replaceable(target: Path, out: Path) -> None:
     found = [name for name in files_below(target) if Path(name).name not in _LITTER]
     if not found:
         return
-    manifest = load_manifest(target)
+    manifest = load_manifest(target, form)
     if manifest is None:
+        other = next((name for name in (FORMAT, ESTIMATE_FORMAT) if load_manifest(target, name)), None)
+        held = f"holds a {other}" if other else f"holds no results of socwise ({found[0]} is there)"
         raise StoreError(
-            f"{out} is not empty and holds no results of socwise ({found[0]} is there); nothing was touched. "
+            f"{out} is not empty and {held}; nothing was touched. "
             "Choose another --out, or empty the folder yourself"
         )
     ours = set(manifest.get("files", ()))
