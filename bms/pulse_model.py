@@ -103,7 +103,7 @@ def import_casadi() -> Any:
         import casadi
     except ImportError as error:
         raise BatteryError(
-            "identification needs casadi, which is not installed; pip install 'socwise[identify]'"
+            "identification needs casadi, which is not installed; pip install casadi"
         ) from error
     return casadi
 

@@ -59,8 +59,8 @@ class Row:
         error: float | None = None,
     ) -> Self:
         """Build a row that is right if ours is within a tolerance of what is published."""
-        ok = abs(ours - published) <= tolerance + _ROUNDING * max(1.0, abs(published))
-        return cls(name, published, ours, tolerance, ok, unit, error)
+        ok = bool(abs(ours - published) <= tolerance + _ROUNDING * max(1.0, abs(published)))
+        return cls(name, published, float(ours), tolerance, ok, unit, error)
 
     @classmethod
     def between(

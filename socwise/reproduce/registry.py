@@ -43,6 +43,16 @@ _ITEMS: dict[str, Item] = {
     "larsson-fig7": Item("HEV, low and high mu: realizations", "realizations", "figure7"),
     "larsson-fig8": Item("PHEV, medium mu: realizations", "realizations", "figure8"),
     "larsson-fig9": Item("PHEV, low and high mu: realizations", "realizations", "figure9"),
+    "mautc-table7": Item("battery model, first guesses and estimates", "battery_tables", "table7"),
+    "mautc-table8": Item("gains of the gradient and their stability", "battery_tables", "table8"),
+    "mautc-fig25": Item("open-circuit voltage and its polynomial", "ocv_fit_figure"),
+    "mautc-fig26": Item("pulse test and the model found in it", "pulse_figure"),
+    "mautc-fig27": Item("FTP-72 and the PHEV's cell current", "current_figures", "figure27"),
+    "mautc-fig28": Item("battery cycling between 20 and 80 % SOC", "current_figures", "figure28"),
+    "mautc-fig30": Item("battery parameters over 10 days, N = 2, 3, 4", "estimates_figure"),
+    "mautc-fig31": Item("SOC and voltage errors over 10 days", "errors_figure"),
+    "mautc-fig32": Item("battery degradation map", "lifetime_figures", "figure32"),
+    "mautc-fig33": Item("battery health over 100 days", "lifetime_figures", "figure33"),
 }
 
 

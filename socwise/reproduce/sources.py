@@ -7,6 +7,11 @@ LARSSON = (
     " strategies for hybrid electric vehicles"
 )
 
+MAUTC = (
+    "Fathy, Sandu, Unnikrishnan: A stochastic approach to online vehicle state and parameter estimation,"
+    " report MAUTC-2010-02"
+)
+
 CONCEPTS = ("hev", "phev")
 CYCLE = "larsson"
 MUS = (0.7e-3, 2.0e-3, 6.0e-3)
@@ -20,3 +25,8 @@ SQRT_P = {LOW: 0.9, MEDIUM: 1.2, HIGH: 1.5}
 def larsson(place: str) -> str:
     """Cite a table or figure of [L]."""
     return f"{LARSSON}, {place}"
+
+
+def mautc(place: str) -> str:
+    """Cite a table or figure of [M]."""
+    return f"{MAUTC}, {place}"
