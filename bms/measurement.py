@@ -17,9 +17,12 @@ class Measurement:
         The SOC that the voltage says, [L] eq 2, at the start of the step; None where the plant reports a
         voltage.
     voltage_V : float or None
-        Terminal voltage; None where the plant reports a SOC.
+        Terminal voltage at the end of the step with that current flowing; None where the plant reports a SOC.
+    temperature_C : float or None
+        Temperature of the battery; None where it is not measured.
     """
 
     current_A: float
     soc_from_voltage: float | None = None
     voltage_V: float | None = None
+    temperature_C: float | None = None

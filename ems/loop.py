@@ -51,7 +51,7 @@ def run_closed_loop(
         power_W = float(problem.stages.power_W[k, action.control])
         current_A, missing_W = _current(grid, power_W, belief.mean)
         measurement = plant.step(power_W, current_A, problem.step_s)
-        estimator.update(measurement, problem.step_s)
+        estimator.observe(measurement, problem.step_s)
         tracks.control[0, k] = action.control
         tracks.current_A[0, k] = measurement.current_A
         tracks.missing_kg[0, k] = missing_W * problem.step_s * problem.scalars.shortfall_kg_per_J

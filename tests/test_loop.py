@@ -51,4 +51,4 @@ def test_plant_and_estimator_refuse_what_they_cannot_take():
         plant.step(0.0, 0.0, 1.0)
     estimator = ModelEstimator(SocBelief(0.6, 1e-4), 26e3, problem.uncertainty, known)
     with pytest.raises(BatteryError, match="choose another estimator"):
-        estimator.update(Measurement(current_A=1.0, voltage_V=200.0), 1.0)
+        estimator.observe(Measurement(current_A=1.0, voltage_V=200.0), 1.0)

@@ -1,4 +1,9 @@
-"""SOC estimators, one file each."""
+"""SOC estimators, one file each.
+
+Those that a battery-management system runs take current, voltage and temperature (`bms.estimators.base`) and
+are made by name with `bms.estimators.catalogue.make_estimator`. [L]'s postulated one takes a SOC. A closed loop
+speaks to both through `Estimator`.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +21,8 @@ class Estimator(Protocol):
     def belief(self) -> SocBelief:
         """What is believed now."""
 
-    def update(self, measurement: Measurement, step_s: float) -> SocBelief:
-        """Take a measurement and return the belief after the step."""
+    def observe(self, measurement: Measurement, step_s: float) -> SocBelief:
+        """Take a measurement over one step and return the belief after the step."""
 
 
 __all__ = ["Estimator", "ModelEstimator"]

@@ -21,6 +21,7 @@ from bms.circuit import tabulate
 from bms.errors import BatteryError
 from bms.estimators._gate import PENDING, Gate
 from bms.flags import Flag
+from bms.measurement import Measurement
 
 Array = NDArray[np.float64]
 Kernel = Callable[..., None]
@@ -173,6 +174,32 @@ class KernelEstimator:
         # Flags are collected between the rows of a run; there are none here.
         self._memory[PENDING] = 0.0
         return self.belief
+
+    def observe(self, measurement: Measurement, step_s: float) -> SocBelief:
+        """Take what a plant measured over one step, as `update` would.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            Current that flowed during the step and the voltage at its end, so the estimator's sensors must
+            be those of ``Sensors(holds="until")``.
+        step_s : float
+            Length of the step.
+
+        Raises
+        ------
+        BatteryError
+            When the plant reports a SOC instead of a voltage, or the estimator reads currents otherwise.
+        """
+        if measurement.voltage_V is None:
+            raise BatteryError(
+                "this plant reports a SOC, this estimator takes a voltage; choose the estimator 'model'"
+            )
+        if not self._gate.looks_back:
+            raise BatteryError(
+                "in a closed loop currents hold until their sample; give Sensors(holds='until')"
+            )
+        return self.update(measurement.current_A, measurement.voltage_V, step_s, measurement.temperature_C)
 
     def run(
         self,

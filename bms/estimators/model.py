@@ -40,7 +40,7 @@ class ModelEstimator:
         """What is believed now."""
         return self._belief
 
-    def update(self, measurement: Measurement, step_s: float) -> SocBelief:
+    def observe(self, measurement: Measurement, step_s: float) -> SocBelief:
         """Take a measurement and return the belief after the step.
 
         Raises
