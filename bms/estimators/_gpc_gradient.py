@@ -9,30 +9,44 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._ecm import Circuit, move_hysteresis, ocv_and_slope, parameters_at
+from bms._ecm import Circuit, move_hysteresis, move_temperature, ocv_and_slope, parameters_at
 from bms.estimators import _gate
-from bms.estimators._gate import Gate, screen
+from bms.estimators._gate import Gate, is_temperature, screen
+from bms.estimators._gpc_form import (
+    ALPHA,
+    BETA,
+    BIAS,
+    THETA,
+    X10,
+    XI,
+    R,
+    accumulate,
+    coefficients,
+    descend,
+    lagrange,
+    projected_variance,
+    pull_back,
+    push_forward,
+    quadratic,
+)
 from bms.estimators._reset import read_rest
 from bms.estimators._small import factorise, solve_factored
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-ALPHA, R, BETA, XI, X10, BIAS = 0, 1, 2, 3, 4, 5
-THETA = 6
-"""Parameters; the last one, the offset of the current sensor, is there only where it was asked for."""
-
 X1, V2, HYSTERESIS, CLOCK_S, ON_S, DOUBT_C2 = 0, 1, 2, 3, 4, 5
-WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S = range(6, 14)
-SCALARS = 14
+WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S, HEAT_W = range(6, 15)
+SCALARS = 15
 """Places in the memory behind the gate's: charge since the start, second pair, hysteresis, clock of the
 offset, time since start, variance of x1, sums of weights and of squared voltage, residuals (square, mean),
-weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step."""
+weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step,
+heat."""
 
 OUTLIER_SD = 8.0
 OUTLIER_SAMPLES = 60.0
 RESIDUAL_S = 300.0
-NEWTON_SLOW = 100.0
+QUICK_S = 100.0
 STALE = 0.03
 
 
@@ -51,6 +65,7 @@ class Settings(NamedTuple):
     log_forgetting_per_s: float
     start_after_s: float
     noise_V2: float
+    model_error_V2: float
     current_sd_A: float
     correlation_s: float
     flat_slope_V: float
@@ -61,72 +76,6 @@ class Settings(NamedTuple):
     rest_doubt_V: float
     resets_at_rest: bool
     resets_at_full: bool
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _lagrange(node: Array, barycentric: Array, xi: float, value: Array, slope: Array) -> None:
-    """Lagrange polynomials through the nodes at ``xi``, and their derivatives."""
-    for j in range(node.size):
-        product, derivative = 1.0, 0.0
-        for i in range(node.size):
-            if i != j:
-                derivative = derivative * (xi - node[i]) + product
-                product *= xi - node[i]
-        value[j] = product * barycentric[j]
-        slope[j] = derivative * barycentric[j]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _coefficients(theta: Array, value: Array, c: Array, with_bias: bool) -> None:
-    """Fill c(theta): what the regressors are multiplied with."""
-    alpha = theta[ALPHA]
-    c[0], c[1], c[2] = alpha * theta[X10], alpha, theta[R]
-    for j in range(value.size):
-        c[3 + j] = theta[BETA] * value[j]
-    if with_bias:
-        c[3 + value.size] = -alpha * theta[BIAS]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _pull_back(
-    theta: Array, value: Array, slope: Array, r: Array, with_bias: bool
-) -> tuple[float, float, float, float, float, float]:
-    """Multiply with (dc/dtheta)': from a vector along c to one along theta."""
-    n = value.size
-    along, across = 0.0, 0.0
-    for j in range(n):
-        along += value[j] * r[3 + j]
-        across += slope[j] * r[3 + j]
-    of_alpha, of_bias = theta[X10] * r[0] + r[1], 0.0
-    if with_bias:
-        of_alpha -= theta[BIAS] * r[3 + n]
-        of_bias = -theta[ALPHA] * r[3 + n]
-    return of_alpha, r[2], along, theta[BETA] * across, theta[ALPHA] * r[0], of_bias
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _push_forward(theta: Array, value: Array, slope: Array, d: Array, with_bias: bool, out: Array) -> None:
-    """Multiply with dc/dtheta: from a step of theta to one of c."""
-    n = value.size
-    out[0] = theta[X10] * d[ALPHA] + theta[ALPHA] * d[X10]
-    out[1], out[2] = d[ALPHA], d[R]
-    for j in range(n):
-        out[3 + j] = value[j] * d[BETA] + theta[BETA] * slope[j] * d[XI]
-    if with_bias:
-        out[3 + n] = -theta[BIAS] * d[ALPHA] - theta[ALPHA] * d[BIAS]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _quadratic(m: Array, c: Array, out: Array) -> None:
-    """Multiply the symmetric matrix, of which the lower half is kept, with a vector."""
-    n = c.size
-    for p in range(n):
-        total = 0.0
-        for q in range(p + 1):
-            total += m[p, q] * c[q]
-        for q in range(p + 1, n):
-            total += m[q, p] * c[q]
-        out[p] = total
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -144,70 +93,6 @@ def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: A
         theta[X10] += min(max(charge, 0.0), capacity_C) - charge
         held = True
     return held
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _descend(
-    gain: Array,
-    m: Array,
-    theta: Array,
-    value: Array,
-    slope: Array,
-    gradient: tuple[float, float, float, float, float, float],
-    step_s: float,
-    with_bias: bool,
-    move: Array,
-    along: Array,
-) -> None:
-    """Take one step down the gradient, eqs 80-85, never further than the minimum along it.
-
-    The curvature is bounded first by a sum over the diagonal, which nearly always shows the step to be safe.
-    Scalars, not arrays: numbers that were stored one by one are slow to load as vectors.
-    """
-    n = value.size
-    g0, g1, g2, g3, g4, g5 = gradient
-    d0, d1, d2, d3, d4, d5 = (
-        gain[0] * g0,
-        gain[1] * g1,
-        gain[2] * g2,
-        gain[3] * g3,
-        gain[4] * g4,
-        gain[5] * g5,
-    )
-    slope_down = d0 * g0 + d1 * g1 + d2 * g2 + d3 * g3 + d4 * g4 + d5 * g5
-    first = theta[X10] * d0 + theta[ALPHA] * d4
-    bound = first * first * m[0, 0] + d0 * d0 * m[1, 1] + d1 * d1 * m[2, 2]
-    beta_d3 = theta[BETA] * d3
-    for j in range(n):
-        part = value[j] * d2 + slope[j] * beta_d3
-        bound += part * part * m[3 + j, 3 + j]
-    if with_bias:
-        part = theta[BIAS] * d0 + theta[ALPHA] * d5
-        bound += part * part * m[3 + n, 3 + n]
-    length = step_s
-    if along.size * bound * length > slope_down:
-        move[0], move[1], move[2], move[3], move[4], move[5] = d0, d1, d2, d3, d4, d5
-        _push_forward(theta, value, slope, move, with_bias, along)
-        curvature = _form(m, along)
-        if curvature * length > slope_down:
-            length = slope_down / curvature
-    theta[0] -= length * d0
-    theta[1] -= length * d1
-    theta[2] -= length * d2
-    theta[3] -= length * d3
-    theta[4] -= length * d4
-    theta[5] -= length * d5
-
-
-@njit(cache=True, nogil=True)
-def _form(m: Array, v: Array) -> float:
-    """Evaluate v' M v for the symmetric matrix, of which the lower half is kept."""
-    total = 0.0
-    for p in range(v.size):
-        for q in range(p):
-            total += 2.0 * m[p, q] * v[p] * v[q]
-        total += m[p, p] * v[p] * v[p]
-    return total
 
 
 @njit(cache=True, nogil=True)
@@ -229,9 +114,9 @@ def _normal(
     for p in range(n):
         for q in range(n):
             unit[q] = settings.prior_sd[q] if q == p else 0.0
-        _push_forward(theta, value, slope, unit, with_bias, along)
-        _quadratic(m, along, image)
-        back = _pull_back(theta, value, slope, image, with_bias)
+        push_forward(theta, value, slope, unit, with_bias, along)
+        quadratic(m, along, image)
+        back = pull_back(theta, value, slope, image, with_bias)
         unit[0], unit[1], unit[2], unit[3], unit[4], unit[5] = back
         for q in range(n):
             hessian[p, q] = unit[q] * settings.prior_sd[q] / noise_V2s
@@ -256,80 +141,62 @@ def _noise_V2s(settings: Settings, x: Array, b: Array, c: Array, image: Array, s
 
 
 @njit(cache=True, nogil=True)
-def _report(
-    settings: Settings,
-    x: Array,
-    theta: Array,
-    hessian: Array,
-    positive: bool,
-    step: Array,
-    row: Array,
+def _report_soc(
+    settings: Settings, x: Array, theta: Array, hessian: Array, positive: bool, step: Array, row: Array
 ) -> None:
-    """Fill a row: SOC, variance, parameters and their standard deviations.
+    """Fill SOC and variance.
 
     The covariance is that of least squares with the prior; where a gradient has not arrived yet, the distance
     to the least-squares solution is added to the deviation.
     """
-    n = settings.parameters
-    alpha, sd = theta[ALPHA], settings.prior_sd
+    n, alpha, sd = settings.parameters, theta[ALPHA], settings.prior_sd
     charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
     row[0] = min(max(alpha * charge, 0.0), 1.0)
-    names = n - 1
     # A random walk of the counted charge, seen through the memory's window.
     window_s = x[ON_S]
     if settings.log_forgetting_per_s < 0.0:
         window_s = min(window_s, -1.0 / settings.log_forgetting_per_s)
     walk_C2 = 0.5 * settings.current_sd_A**2 * window_s
-    variance = alpha * alpha * (x[DOUBT_C2] + walk_C2)
-    away = 0.0
     sensitivity = np.zeros(THETA)
     sensitivity[ALPHA], sensitivity[X10], sensitivity[BIAS] = charge, alpha, -alpha * x[CLOCK_S]
+    away = 0.0
     for p in range(n):
         away += sensitivity[p] * sd[p] * step[p]
-    variance += _projected(hessian, n, sd, sensitivity, positive) + away * away
+    variance = alpha * alpha * (x[DOUBT_C2] + walk_C2) + away * away
+    variance += projected_variance(hessian, n, sd, sensitivity, positive)
     row[1] = min(max(variance, 0.0), 1.0 / 12.0)
-    sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[XI]
-    row[4] = 1.0 / (3600.0 * alpha)
-    row[5] = theta[R]
-    row[6] = theta[BETA] / sigma
-    row[7] = 1.0 / theta[BETA]
-    if n == THETA:
-        row[8] = theta[BIAS]
-    for p in range(names):
-        for q in range(THETA):
-            sensitivity[q] = 0.0
-        if p == 0:
-            sensitivity[ALPHA] = -row[4] / alpha
-        elif p == 1:
-            sensitivity[R] = 1.0
-        elif p == 2:
-            sensitivity[BETA] = 1.0 / sigma
-            sensitivity[XI] = -row[6] * settings.sigma_half_per_s / sigma
-        elif p == 3:
-            sensitivity[BETA] = -row[7] / theta[BETA]
-        else:
-            sensitivity[BIAS] = 1.0
-        away = 0.0
-        for q in range(n):
-            away += sensitivity[q] * sd[q] * step[q]
-        spread = _projected(hessian, n, sd, sensitivity, positive)
-        row[4 + names + p] = math.sqrt(max(spread + away * away, 0.0))
 
 
 @njit(cache=True, nogil=True)
-def _projected(factor: Array, n: int, sd: Array, sensitivity: Array, positive: bool) -> float:
-    """Variance of a linear function of the parameters."""
-    z = np.empty(n)
-    for p in range(n):
-        z[p] = sensitivity[p] * sd[p]
-    total = 0.0
-    for i in range(n):
-        if positive:
-            for k in range(i):
-                z[i] -= factor[i, k] * z[k]
-            z[i] /= factor[i, i]
-        total += z[i] * z[i]
-    return total
+def _report_parameter(
+    settings: Settings, theta: Array, p: int, hessian: Array, positive: bool, step: Array, row: Array
+) -> None:
+    """Fill a parameter in the user's terms and its standard deviation."""
+    n, sd = settings.parameters, settings.prior_sd
+    sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[XI]
+    sensitivity = np.zeros(THETA)
+    if p == 0:
+        value = 1.0 / (3600.0 * theta[ALPHA])
+        sensitivity[ALPHA] = -value / theta[ALPHA]
+    elif p == 1:
+        value = theta[R]
+        sensitivity[R] = 1.0
+    elif p == 2:
+        value = theta[BETA] / sigma
+        sensitivity[BETA] = 1.0 / sigma
+        sensitivity[XI] = -value * settings.sigma_half_per_s / sigma
+    elif p == 3:
+        value = 1.0 / theta[BETA]
+        sensitivity[BETA] = -value / theta[BETA]
+    else:
+        value = theta[BIAS]
+        sensitivity[BIAS] = 1.0
+    away = 0.0
+    for q in range(n):
+        away += sensitivity[q] * sd[q] * step[q]
+    spread = projected_variance(hessian, n, sd, sensitivity, positive)
+    row[4 + p] = value
+    row[4 + n - 1 + p] = math.sqrt(max(spread + away * away, 0.0))
 
 
 @njit(cache=True, nogil=True)
@@ -346,16 +213,6 @@ def _newton(
         largest = max(largest, abs(step[p]))
     for p in range(n):
         theta[p] -= sd[p] * step[p] / largest
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _accumulate(m: Array, b: Array, z: Array, difference_V: float, forget: float, weight_s: float) -> None:
-    """Forget a little, then add a sample to the lower half of M and to b."""
-    for p in range(z.size):
-        scaled = weight_s * z[p]
-        b[p] = forget * b[p] + scaled * difference_V
-        for q in range(p + 1):
-            m[p, q] = forget * m[p, q] + scaled * z[q]
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -393,6 +250,7 @@ def run(
     )
     activation_K, reference_K, varies = circuit.activation_K, circuit.reference_K, circuit.varies
     rate = circuit.hysteresis_rate
+    heat_capacity, thermal_K_per_W = circuit.heat_capacity_J_per_K, circuit.thermal_resistance_K_per_W
     node, barycentric, reference = settings.node, settings.barycentric, settings.reference
     middle, half = settings.sigma_mid_per_s, settings.sigma_half_per_s
     parameters, newton_s, start_s = settings.parameters, settings.newton_every_s, settings.start_after_s
@@ -415,7 +273,7 @@ def run(
     gradient, move, step, unit = np.zeros(THETA), np.zeros(THETA), np.zeros(THETA), np.zeros(THETA)
     hessian = np.zeros((THETA, THETA))
     pending, at, due, last = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1, current_A.size - 1
-    last_step, keep2, forget = -1.0, 0.0, 1.0
+    last_step, keep2, keep_warm, forget = -1.0, 0.0, 0.0, 1.0
     shape, speed, store, hysteresis_V = 1.0, 1.0, 1.0, 0.0
     r2, tau2 = reference[3], reference[4]
     if not varies:
@@ -424,10 +282,16 @@ def run(
         seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, drive, now, dt = seen.flags, seen.drive_A, seen.now_A, seen.step_s
         alpha = theta[ALPHA]
+        if heat_capacity > 0.0 and dt > 0.0 and not is_temperature(temperature_C[k]):
+            if dt != last_step:
+                keep_warm = math.exp(-dt / (heat_capacity * thermal_K_per_W))
+            g[_gate.TEMPERATURE_C] = move_temperature(
+                g[_gate.TEMPERATURE_C], x[HEAT_W], gate.ambient_C, thermal_K_per_W, keep_warm
+            )
         if varies:
             soc = alpha * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S])
             r_here, r1_here, tau1_here, r2, tau2, hysteresis_V = parameters_at(
-                table, nodes_C, activation_K, reference_K, soc, seen.temperature_C
+                table, nodes_C, activation_K, reference_K, soc, g[_gate.TEMPERATURE_C]
             )
             shape = r_here / reference[0]
             if reference[1] > 0.0:
@@ -454,8 +318,8 @@ def run(
         charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
         soc = min(max(alpha * charge, 0.0), 1.0)
         ocv_V, slope_V = ocv_and_slope(guide, knot, cubic, soc)
-        _lagrange(node, barycentric, theta[XI], value, slope)
-        _coefficients(theta, value, c, with_bias)
+        lagrange(node, barycentric, theta[XI], value, slope)
+        coefficients(theta, value, c, with_bias)
         z[0], z[1], z[2] = slope_V, slope_V * x[X1], shape * now
         for j in range(n):
             z[3 + j] = y[j]
@@ -467,6 +331,7 @@ def run(
         for p in range(width):
             residual_V -= c[p] * z[p]
         usable = seen.usable
+        x[HEAT_W] = now * (voltage_V[k] - ocv_V) if usable else now * now * theta[R]
         if usable and x[ON_S] > start_s:
             square = residual_V * residual_V
             limit = (
@@ -492,26 +357,26 @@ def run(
             weight_s = dt
             if flat2 > 0.0:
                 weight_s *= slope_V * slope_V / (slope_V * slope_V + flat2)
-            _accumulate(m, b, z, difference_V, forget, weight_s)
+            accumulate(m, b, z, difference_V, forget, weight_s)
             x[WEIGHT_S] = forget * x[WEIGHT_S] + weight_s
             x[COUNT] = forget * x[COUNT] + weight_s / dt if dt > 0.0 else x[COUNT]
             x[SQUARE_V2S] = forget * x[SQUARE_V2S] + weight_s * difference_V * difference_V
         if x[ON_S] > start_s and x[WEIGHT_S] > 0.0:
             if newton_s == 0.0:
-                _quadratic(m, c, image)
+                quadratic(m, c, image)
                 for p in range(width):
                     image[p] += b[p]
-                back = _pull_back(theta, value, slope, image, with_bias)
-                _descend(gain, m, theta, value, slope, back, dt, with_bias, move, along)
+                back = pull_back(theta, value, slope, image, with_bias)
+                descend(gain, m, theta, value, slope, back, dt, with_bias, move, along)
             else:
                 x[SINCE_S] += dt
                 if x[SINCE_S] >= newton_s:
                     x[SINCE_S] = 0.0
-                    _quadratic(m, c, image)
+                    quadratic(m, c, image)
                     for p in range(width):
                         image[p] += b[p]
-                    gradient[:] = _pull_back(theta, value, slope, image, with_bias)
-                    noise_V2s = _noise_V2s(settings, x, b, c, image, NEWTON_SLOW)
+                    gradient[:] = pull_back(theta, value, slope, image, with_bias)
+                    noise_V2s = _noise_V2s(settings, x, b, c, image, QUICK_S)
                     if _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian):
                         _newton(settings, theta, gradient, hessian, noise_V2s, step)
                         moved = (
@@ -535,26 +400,34 @@ def run(
         )
         pending |= flags
         if reset or k in (due, last):
-            _lagrange(node, barycentric, theta[XI], value, slope)
-            _coefficients(theta, value, c, with_bias)
-            _quadratic(m, c, image)
+            lagrange(node, barycentric, theta[XI], value, slope)
+            coefficients(theta, value, c, with_bias)
+            quadratic(m, c, image)
             for p in range(width):
                 image[p] += b[p]
-            gradient[:] = _pull_back(theta, value, slope, image, with_bias)
-            # How far the least-squares solution still is, as Gauss-Newton would go there.
-            noise_V2s = _noise_V2s(settings, x, b, c, image, NEWTON_SLOW)
+            gradient[:] = pull_back(theta, value, slope, image, with_bias)
+            # How far the least-squares solution still is, as Gauss-Newton would go there. Resistances are
+            # seen in quick changes of the current, which a slow error of the model disturbs little.
+            noise_V2s = _noise_V2s(settings, x, b, c, image, QUICK_S)
+            noise_V2s += QUICK_S * settings.model_error_V2
             for p in range(THETA):
                 step[p] = 0.0
-            if _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian):
+            positive = _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian)
+            if positive:
                 for p in range(parameters):
                     step[p] = gradient[p] * settings.prior_sd[p] / noise_V2s
                 solve_factored(hessian, parameters, step)
-            _quadratic(m, c, image)
+            for p in range(1, 4):
+                _report_parameter(settings, theta, p, hessian, positive, step, row)
+            quadratic(m, c, image)
             for p in range(width):
                 image[p] += b[p]
             noise_V2s = _noise_V2s(settings, x, b, c, image, 2.0 * settings.correlation_s)
+            noise_V2s += 2.0 * settings.correlation_s * settings.model_error_V2
             positive = _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian)
-            _report(settings, x, theta, hessian, positive, step, row)
+            _report_soc(settings, x, theta, hessian, positive, step, row)
+            for p in range(0, parameters - 1, 4):
+                _report_parameter(settings, theta, p, hessian, positive, step, row)
             if reset and (usable or arrived & _gate.FULL):
                 known, doubt = 1.0, settings.full_sd**2
                 if not arrived & _gate.FULL:
@@ -566,7 +439,7 @@ def run(
                 if with_bias:
                     along[3 + n] = x[CLOCK_S]
                 weight = noise_V2s / doubt
-                _accumulate(m, b, along, -known, 1.0, weight)
+                accumulate(m, b, along, -known, 1.0, weight)
                 x[SQUARE_V2S] += weight * known * known
                 gain_here = row[1] / (row[1] + doubt)
                 moved_C = gain_here * (known - row[0]) / theta[ALPHA]

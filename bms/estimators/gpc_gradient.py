@@ -40,9 +40,13 @@ moves the SOC, they are forgotten by :math:`\exp(-|\Delta SOC| / 3\,\%)`.
 
 **Variance.** Least squares on the same M, with the prior :math:`P_0` and the intensity :math:`s` of the
 output error, has the covariance :math:`P = (D^T M D / s + P_0^{-1})^{-1}`, :math:`D = \partial c /
-\partial\theta`. The error is white noise plus what the residuals, :math:`J` over its weight, show beyond
-it; that excess is slow, so it counts with its correlation time. What a gradient still has to go to the
-least-squares solution is added to the deviation. So the variance grows when model and cell differ.
+\partial\theta`. The error is white noise, what the residuals, :math:`J` over its weight, show beyond it, and
+a small error of the model that they need not show; the last two are slow, so they count with their
+correlation time. What a gradient still has to go to the least-squares solution is added to the deviation. So
+the variance grows when model and cell differ.
+
+**Temperature.** Where it is not measured and the cell has a thermal node, the node is simulated from the heat
+that the measured voltage shows, in surroundings of ``Sensors.ambient_C``.
 
 **Rest and full charge** are measurements of the SOC: they enter M and b as samples of :math:`\alpha
 (x_{10} + x_1)`, and the estimate at once. A charge that was not seen (a missing current, a gap) is a
@@ -65,7 +69,7 @@ from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.circuit import tabulate
 from bms.errors import BatteryError
-from bms.estimators import _gate, _gpc_gradient
+from bms.estimators import _gate, _gpc_form, _gpc_gradient
 from bms.estimators.base import LEADING, Kernel, KernelEstimator
 from bms.estimators.gate import Sensors, gate_for
 from gpc.basis import Legendre
@@ -129,7 +133,10 @@ class GpcGradientOptions(BaseModel):
     resistance_share: float = Field(default=0.3, gt=0.0, description="the same of R and C_r")
     bias_sd_A: float = Field(default=0.05, gt=0.0, description="prior deviation of the offset, A")
     correlation_s: float = Field(
-        default=1800.0, ge=0.0, description="correlation time of what residuals show beyond noise, s"
+        default=7200.0, ge=0.0, description="correlation time of what residuals show beyond noise, s"
+    )
+    model_error_V: float = Field(
+        default=0.001, ge=0.0, description="slow error of the model that residuals need not show, V"
     )
     full_sd: float = Field(default=0.01, ge=0.0, description="error of the SOC at full charge")
     rest_doubt_V: float = Field(default=0.005, gt=0.0, description="error of the OCV curve and the rest, V")
@@ -172,8 +179,8 @@ class _GpcLeastSquares(KernelEstimator):
     def _describe(self, settings: _gpc_gradient.Settings) -> None:
         """Fill the row with what is believed before any sample."""
         theta, sd = settings.start, settings.prior_sd
-        sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[_gpc_gradient.XI]
-        beta = theta[_gpc_gradient.BETA]
+        sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[_gpc_form.XI]
+        beta = theta[_gpc_form.BETA]
         values = [1.0 / (3600.0 * theta[0]), theta[1], beta / sigma, 1.0 / beta, 0.0]
         shares = [sd[0] / theta[0], sd[1] / theta[1], sd[2] / beta, sd[2] / beta]
         deviations = [value * share for value, share in zip(values, shares, strict=False)] + [sd[5]]
@@ -274,6 +281,7 @@ def _settings(
         log_forgetting_per_s=float(np.log(chosen.forgetting)),
         start_after_s=chosen.start_after_s,
         noise_V2=sensed.voltage_sd_V**2 + (ohm * sensed.current_sd_A) ** 2,
+        model_error_V2=chosen.model_error_V**2,
         current_sd_A=sensed.current_sd_A,
         correlation_s=chosen.correlation_s,
         flat_slope_V=chosen.flat_slope_V,
@@ -296,7 +304,7 @@ def _gains(chosen: GpcGradientOptions, cell: Cell) -> Array:
     own = chosen.gains if isinstance(chosen.gains, Gains) else Gains()
     gains = np.array([own.alpha, own.resistance, own.beta, own.xi, own.x10, own.bias])
     if not chosen.current_bias:
-        gains[_gpc_gradient.BIAS] = 0.0
+        gains[_gpc_form.BIAS] = 0.0
     if isinstance(chosen.gains, Gains):
         return gains
     reference = _reference(cell)
