@@ -14,6 +14,9 @@ from bms.toml_file import complaint, find_file, preset_names, read_toml
 
 PRESETS = Path(__file__).parent / "presets" / "cells"
 
+OCV_FORMS = ("table", "polynomial")
+"""Ways to read the table of the OCV: as it is, or by [M]'s polynomial of 6th order over 10 to 90 % SOC."""
+
 REQUIRED = ("soc", "ocv_V", "resistance_ohm")
 RELAXATION = tuple(
     f"relaxation_{pair}_{what}" for pair in (1, 2) for what in ("resistance_ohm", "time_constant_s")
@@ -33,7 +36,8 @@ def load_cell(name_or_path: str | Path) -> Cell:
     The tables stand in the file itself or in a CSV that ``tables`` names, relative to the TOML file, with the
     columns ``soc``, ``ocv_V``, ``resistance_ohm`` and, as far as the cell has them,
     ``relaxation_1_resistance_ohm``, ``relaxation_1_time_constant_s`` (and ``_2_``), ``hysteresis_V`` and
-    ``temperature_C``.
+    ``temperature_C``. With ``ocv = "polynomial"`` the table of the OCV is replaced by [M]'s polynomial of 6th
+    order over 10 to 90 % SOC, made monotone.
 
     Parameters
     ----------
@@ -58,10 +62,22 @@ def parse_cell(data: dict[str, Any], path: Path) -> Cell:
         if both:
             raise BatteryError(f"{path} gives {both[0]} and names the table {tables}; keep one of the two")
         content |= _tables(path.parent / str(tables), content)
+    form = content.pop("ocv", "table")
+    if form not in OCV_FORMS:
+        raise BatteryError(f"{path}: ocv is {form!r}; allowed are {', '.join(OCV_FORMS)}")
     try:
-        return Cell(**content)
+        cell = Cell(**content)
     except ValidationError as error:
-        raise complaint(error, Cell, path, "battery cell", ("tables",)) from error
+        raise complaint(error, Cell, path, "battery cell", ("tables", "ocv")) from error
+    return _with_polynomial(cell) if form == "polynomial" else cell
+
+
+def _with_polynomial(cell: Cell) -> Cell:
+    """Give a cell the report's polynomial of its own table, made monotone; warns where it falls."""
+    from bms.cell_tables import with_ocv
+    from bms.ocv_polynomial import fit_polynomial_to_curve
+
+    return with_ocv(cell, fit_polynomial_to_curve(cell.ocv).to_curve(cell.ocv))
 
 
 def _tables(path: Path, content: dict[str, Any]) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from battery_cases import drive_current_A, linear_cell
 from naive_bms import simulate as naive_simulate
 
 from bms.cell import Cell, Hysteresis, Thermal
-from bms.cells import cell_names, load_cell
+from bms.cells import PRESETS, cell_names, load_cell
 from bms.circuit import tabulate
-from bms.errors import BatteryError
+from bms.errors import BatteryError, BatteryWarning
 from bms.simulation import CellState, simulate, simulate_members, step
 
 
@@ -240,3 +240,18 @@ def test_copies_are_validated():
     with pytest.raises(ValueError, match="greater than 0"):
         linear_cell().with_values(capacity_Ah=-1.0)
     assert isinstance(linear_cell().with_values(capacity_Ah=3.0), Cell)
+
+
+def test_a_cell_can_ask_for_the_reports_polynomial(tmp_path):
+    preset = (PRESETS / "lfp-2ah.toml").read_text(encoding="utf-8")
+    (tmp_path / "c.toml").write_text('ocv = "polynomial"\n' + preset, encoding="utf-8")
+    with pytest.warns(BatteryWarning, match="falls"):
+        cell = load_cell(tmp_path / "c.toml")
+    table = load_cell("lfp-2ah")
+    soc = np.linspace(0.15, 0.8, 50)
+    apart_V = np.abs(cell.ocv(soc) - table.ocv(soc))
+    assert 1e-4 < apart_V.max() < 0.005
+    assert cell.ocv(0.05) == pytest.approx(float(table.ocv(0.05)), abs=1e-6)
+    (tmp_path / "c.toml").write_text('ocv = "spline"\n' + preset, encoding="utf-8")
+    with pytest.raises(BatteryError, match="table, polynomial"):
+        load_cell(tmp_path / "c.toml")
