@@ -122,7 +122,7 @@ def read_bpx(
     try:
         cell = Cell(**given)
     except ValidationError as error:
-        raise complaint(error, Cell, file, "battery cell") from error
+        raise complaint(error, Cell, f"{file} does not describe a battery cell") from error
     held = (held_Ah(part.cell, windows[0]), held_Ah(part.cell, windows[1]))
     _remark(cell, held, half_V is not None and hysteresis_rate is None, file)
     return BpxCell(

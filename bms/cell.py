@@ -82,7 +82,7 @@ class Cell(BaseModel):
     Raises
     ------
     pydantic.ValidationError
-        When a value is missing, unknown, or out of range; `bms.load_cell` turns it into a `BatteryError`.
+        When a value is missing, unknown, or out of range; `load_cell` turns it into a `BatteryError`.
     """
 
     model_config = STRICT

@@ -68,7 +68,7 @@ def parse_cell(data: dict[str, Any], path: Path) -> Cell:
     try:
         cell = Cell(**content)
     except ValidationError as error:
-        raise complaint(error, Cell, path, "battery cell", ("tables", "ocv")) from error
+        raise complaint(error, Cell, f"{path} does not describe a battery cell", ("tables", "ocv")) from error
     return _with_polynomial(cell) if form == "polynomial" else cell
 
 

@@ -56,4 +56,4 @@ def parse_pack(data: dict[str, Any], path: Path) -> Pack:
     try:
         return Pack(**content)
     except ValidationError as error:
-        raise complaint(error, Pack, path, "battery pack", ("tables",)) from error
+        raise complaint(error, Pack, f"{path} does not describe a battery pack", ("tables",)) from error

@@ -70,7 +70,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
 
 def complaint(
-    error: ValidationError, model: type[BaseModel], origin: Path | str, what: str, also: tuple[str, ...] = ()
+    error: ValidationError, model: type[BaseModel], headline: str, also: tuple[str, ...] = ()
 ) -> BatteryError:
     """Say in plain words what pydantic found wrong.
 
@@ -80,17 +80,15 @@ def complaint(
         What pydantic raised.
     model : type of BaseModel
         The model that was to be filled.
-    origin : Path or str
-        Where the values came from.
-    what : str
-        What they should describe, in words.
+    headline : str
+        What is wrong as a whole.
     also : tuple of str
         Keys that the file may have besides the model's.
     """
     lines = [f"  {_explain(item, model, also)}" for item in error.errors()]
     if len(lines) > MOST_COMPLAINTS:
         lines[MOST_COMPLAINTS:] = [f"  and {len(lines) - MOST_COMPLAINTS} more"]
-    return BatteryError("\n".join([f"{origin} does not describe a {what}:", *lines]))
+    return BatteryError("\n".join([f"{headline}:", *lines]))
 
 
 def _explain(item: ErrorDetails, model: type[BaseModel], also: tuple[str, ...]) -> str:

@@ -29,3 +29,24 @@ autodoc_default_options = {"exclude-members": "model_config, model_post_init"}
 html_theme = "furo"
 html_title = "socwise"
 html_show_sphinx = False
+
+
+def list_fields(app, what, name, thing, options, lines):
+    """Add what a parameter model's fields mean, which stands in the model and not in its docstring."""
+    if what != "class" or not hasattr(thing, "model_fields"):
+        return
+    inherited = {field for base in thing.__bases__ for field in getattr(base, "model_fields", {})}
+    lines.append("")
+    for field, about in thing.model_fields.items():
+        if field in inherited or not about.description:
+            continue
+        plain = about.description.replace("|", r"\|").replace("*", r"\*")
+        has_plain_default = isinstance(about.default, bool | int | float | str | tuple)
+        default = f" (default: ``{about.default!r}``)" if has_plain_default else ""
+        lines.append(f":param {field}: {plain}{default}")
+    lines.append("")
+
+
+def setup(app):
+    """Connect the hook above."""
+    app.connect("autodoc-process-docstring", list_fields)

@@ -38,7 +38,7 @@ class Expansion:
         One per germ, d of them, independent.
     indices : ndarray of int, shape (S, d)
         Degrees of the terms; the first row is the constant.
-    coefficients : array_like, shape (S, *outputs)
+    coefficients : array_like, shape ``(S, *outputs)``
         In the orthonormal basis.
 
     Raises
@@ -67,26 +67,26 @@ class Expansion:
 
     @classmethod
     def of(cls, collocation: Collocation, values: ArrayLike) -> Expansion:
-        """Expand a quantity known by its values at the nodes of a collocation, shape (Q, *outputs)."""
+        """Expand a quantity known by its values at the nodes of a collocation, shape ``(Q, *outputs)``."""
         return cls(collocation.families, collocation.indices, collocation.project(values))
 
     def __call__(self, germs: ArrayLike) -> Array:
-        """Evaluate at germs, shape (..., d); gives shape (..., *outputs)."""
+        """Evaluate at germs, shape ``(..., d)``; gives shape ``(..., *outputs)``."""
         return np.tensordot(basis_matrix(self.families, self.indices, germs), self.coefficients, axes=1)
 
     @property
     def mean(self) -> Array:
-        """Mean, shape (*outputs)."""
+        """Mean, shape ``(*outputs)``."""
         return np.asarray(self.coefficients[0], dtype=np.float64)
 
     @property
     def variance(self) -> Array:
-        """Variance of each output, shape (*outputs)."""
+        """Variance of each output, shape ``(*outputs)``."""
         return np.asarray(np.sum(self.coefficients[1:] ** 2, axis=0), dtype=np.float64)
 
     @property
     def covariance(self) -> Array:
-        """Covariance of all outputs with all, shape (*outputs, *outputs)."""
+        """Covariance of all outputs with all, shape ``(*outputs, *outputs)``."""
         return np.tensordot(self.coefficients[1:], self.coefficients[1:], axes=(0, 0))
 
     def sobol(self, *germs: int) -> Array:
@@ -99,7 +99,7 @@ class Expansion:
 
         Returns
         -------
-        ndarray, shape (*outputs)
+        ndarray, shape ``(*outputs)``
             Between 0 and 1; 0 for an output without variance.
 
         Raises
@@ -118,12 +118,12 @@ class Expansion:
 
     @property
     def first_order(self) -> Array:
-        """First-order Sobol indices, shape (d, *outputs)."""
+        """First-order Sobol indices, shape ``(d, *outputs)``."""
         return np.stack([self.sobol(k) for k in range(self.indices.shape[1])])
 
     @property
     def total(self) -> Array:
-        """Total Sobol indices, shape (d, *outputs)."""
+        """Total Sobol indices, shape ``(d, *outputs)``."""
         return np.stack([self._share(self.indices[:, k] > 0) for k in range(self.indices.shape[1])])
 
     def _share(self, terms: NDArray[np.bool_]) -> Array:
@@ -133,7 +133,7 @@ class Expansion:
         return np.asarray(np.divide(part, variance, out=np.zeros_like(part), where=variance > 0.0))
 
     def sample(self, generator: np.random.Generator, size: int) -> Array:
-        """Draw ``size`` values of the outputs together, shape (size, *outputs)."""
+        """Draw ``size`` values of the outputs together, shape ``(size, *outputs)``."""
         return self(sample_germs(self.families, generator, size))
 
     def density(

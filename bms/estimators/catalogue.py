@@ -73,6 +73,6 @@ def make_estimator(
     try:
         chosen = options_model(**options)
     except ValidationError as error:
-        raise complaint(error, options_model, f"the options of {key}", "estimator") from error
+        raise complaint(error, options_model, f"the options of {key} do not fit") from error
     made: KernelEstimator = getattr(found, estimator)(cell, belief, chosen, sensors)
     return made

@@ -167,9 +167,7 @@ def _sensors(log: LoggedData, current_sd: float | None, voltage_sd: float | None
     try:
         return Sensors(**given)
     except ValidationError as error:
-        raise complaint(
-            error, Sensors, "what --current-sd and --voltage-sd give", "pair of sensors"
-        ) from error
+        raise complaint(error, Sensors, "--current-sd and --voltage-sd do not fit") from error
 
 
 def _options(texts: list[str], names: list[str]) -> dict[str, dict[str, Any]]:
@@ -204,14 +202,25 @@ def _make(
     soc_sd: float,
     sensors: Sensors | None = None,
 ) -> list[KernelEstimator]:
+    from bms.errors import BatteryError
     from bms.estimators.catalogue import make_estimator
 
-    return [
-        make_estimator(
-            name, cell, soc=soc, soc_sd=soc_sd, sensors=sensors, **(options[""] | options.get(name, {}))
-        )
-        for name in names
-    ]
+    if not 0.0 <= soc <= 1.0:
+        raise CommandError(f"--soc0 is {soc:g}; give a fraction, not per cent, between 0 and 1")
+    made = []
+    for name in names:
+        own = options[""] | options.get(name, {})
+        try:
+            made.append(make_estimator(name, cell, soc=soc, soc_sd=soc_sd, sensors=sensors, **own))
+        except BatteryError as error:
+            shared = [key for key in options[""] if f"unknown key {key}" in str(error)]
+            if not shared or len(names) == 1:
+                raise
+            raise CommandError(
+                f"{error}\n--option {shared[0]}=... is for every estimator; to set it for one alone, write"
+                f" --option NAME.{shared[0]}=..."
+            ) from error
+    return made
 
 
 def _run(estimators: list[KernelEstimator], log: LoggedData, every: int | None) -> list[EstimateRun]:

@@ -67,14 +67,20 @@ def plot_soc_error(runs: Sequence[EstimateRun], ax: Axes | None = None) -> Axes:
         Estimate less the log's SOC, in per cent of SOC, over time.
     """
     ax = ax or new_axes()
+    errors, bands = [0.0], []
     for run in runs:
         time, unit = scaled_time(run)
         if run.soc_true is None:
             continue
         color = estimator_color(run.name)
         error, sd = PERCENT * (run.trace.soc - run.soc_true), PERCENT * np.sqrt(run.trace.variance)
+        errors.append(float(np.nanmax(np.abs(error))))
+        bands.append(float(np.quantile(2.0 * sd, 0.9)))
         draw_band(ax, time, np.zeros_like(error), sd, color=color, alpha=0.15)
         draw_known(ax, time, error, color=color, linewidth=0.8, label=f"{estimator_label(run.name)} ± 2 sd")
+    # The widest band of all would leave nothing to see of the others.
+    reach = 1.1 * max(*errors, sorted(bands)[len(bands) // 2], 0.5)
+    ax.set_ylim(-reach, reach)
     ax.axhline(0.0, color=LIMIT, linewidth=0.6, zorder=1)
     ax.set(xlabel=f"time [{unit}]", ylabel="SOC error [%]", xlim=(time[0], time[-1]))
     return finish(ax)
