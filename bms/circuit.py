@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from bms import _kernels as _kernels
 from bms._ecm import ABSOLUTE_ZERO_C, Circuit
 from bms.cell import Cell, Quantity
 

@@ -14,16 +14,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
-STAMP = "kernels.sha256"
 
-
-def discard_stale(modules: Iterable[ModuleType]) -> bool:
+def discard_stale(modules: Iterable[ModuleType], name: str = "kernels") -> bool:
     """Delete the cached kernels of modules whose joint source is not the one that was stamped.
 
     Parameters
     ----------
     modules : iterable of module
         Modules that hold ``@njit(cache=True)`` kernels and call each other.
+    name : str
+        Name of the stamp; groups that share a folder need different ones.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def discard_stale(modules: Iterable[ModuleType]) -> bool:
     ).hexdigest()
     discarded = False
     for folder in {path for module in held for path in _folders(module)}:
-        stamp = folder / STAMP
+        stamp = folder / f"{name}.sha256"
         with contextlib.suppress(OSError):
             if stamp.is_file() and stamp.read_text(encoding="ascii") == digest:
                 continue

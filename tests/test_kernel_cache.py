@@ -6,8 +6,6 @@ import sys
 import textwrap
 from pathlib import Path
 
-from gpc.kernel_cache import STAMP
-
 
 def run(folder):
     script = """
@@ -49,7 +47,7 @@ def test_callers_follow_their_callees(tmp_path):
     assert run(tmp_path) == ["False", "2"]
     write(callee, kernel.format(5), 1_000_000_000)
     assert run(tmp_path) == ["True", "10"]
-    assert list(tmp_path.rglob(STAMP))
+    assert list(tmp_path.rglob("kernels.sha256"))
 
 
 def test_the_house_checks_its_own_kernels():
@@ -58,4 +56,18 @@ def test_the_house_checks_its_own_kernels():
     assert ems.__doc__
     code = "import ems, ems._sdp as k; print(k.sweep.stats.cache_path)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert len((Path(done.stdout.strip()) / STAMP).read_text(encoding="ascii")) == 64
+    assert len((Path(done.stdout.strip()) / "kernels.sha256").read_text(encoding="ascii")) == 64
+
+
+def test_every_kernel_of_the_battery_is_stamped():
+    """A kernel that is left out would run with yesterday's callees."""
+    from bms import _filter, _kernels, _levels
+    from ems._kernels import MODULES as OF_EMS
+
+    folder = Path(_kernels.__file__).parent
+    kernels = {path for path in folder.rglob("_*.py") if path.stem not in ("__init__", "_kernels")}
+    stamped = {Path(module.__file__) for module in (*_kernels.MODULES, _filter, _levels)}
+    assert kernels == stamped
+    assert {_filter, _levels} <= set(OF_EMS)
+    stamps = [path for path in folder.rglob("battery.sha256") if len(path.read_text(encoding="ascii")) == 64]
+    assert stamps != []

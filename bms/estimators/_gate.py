@@ -10,7 +10,8 @@ linearly and its variance with the square:
 .. math:: d' = d + s_I h, \qquad \Delta \operatorname{var}(\text{charge}) = d'^2 - d^2 .
 
 The same holds over a gap between samples; over a long one the battery is taken to have rested, with the doubt
-of half an hour of use. A sample also gives away rest (little current for long enough) and full charge.
+of half an hour of use. A temperature that no battery has is passed over, as a missing one is: the last one
+stays. A sample also gives away rest (little current for long enough) and full charge.
 """
 
 from __future__ import annotations
@@ -38,12 +39,14 @@ FULL = 1024
 
 STUCK_SAMPLES = 10
 STUCK_JUMPS = 3
+COLDEST_C, HOTTEST_C = -60.0, 150.0
+SHORTEST_S, LONGEST_S = 1e-6, 1e9
 
 SEEN, LAST_A, LAST_DOUBT_A, MEAN_A, SQUARE_A2, DOUBT_C = 0, 1, 2, 3, 4, 5
 RAW_V, SAME_V, LOW_A, HIGH_A = 6, 7, 8, 9
 RAW_A, SAME_A, JUMPS = 10, 11, 12
-REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM = 13, 14, 15, 16, 17, 18
-SIZE = 19
+REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM, LEFT_V = 13, 14, 15, 16, 17, 18, 19
+SIZE = 20
 """Places in the gate's part of an estimator's memory, and how many there are."""
 
 
@@ -60,11 +63,13 @@ class Gate(NamedTuple):
     jump_V: float  # a voltage jump that needs a current
     stuck_C: float  # a charge that must move the voltage
     doubt_A: float  # least doubt about a replaced current
+    start_A: float  # spread of the current before any was seen
     rest_A: float  # no more than this is rest
     rest_after_s: float
     full_V: float  # inf: no full charge known
     full_A: float
     full_after_s: float
+    ambient_C: float  # temperature of the surroundings, where the cell's own is not measured
     looks_back: bool  # the current of a sample flowed since the one before, not from here on
 
 
@@ -102,7 +107,7 @@ def screen(
         and gate.rest_A < abs(current_A) <= gate.current_limit_A
         and gate.voltage_low_V <= voltage_V <= gate.voltage_high_V
         and voltage_V < gate.full_V
-        and step_s <= gate.gap_s
+        and SHORTEST_S <= step_s <= gate.gap_s
         and voltage_V != g[RAW_V]
         and current_A != g[RAW_A]
         and math.isnan(temperature_C)
@@ -128,26 +133,30 @@ def _judge(
 ) -> Screened:
     """Look at a sample from every side."""
     first = g[SEEN] == 0.0
-    step = 0.0 if first else step_s
-    if math.isfinite(temperature_C):
+    step = 0.0 if first or step_s < SHORTEST_S else min(step_s, LONGEST_S)
+    if is_temperature(temperature_C):
         g[TEMPERATURE_C] = temperature_C
+    if first:
+        g[SQUARE_A2] = gate.start_A * gate.start_A
     flags = _range_flags(gate, current_A, voltage_V)
     stuck_current, stuck_voltage = _stuck(gate, g, current_A, voltage_V, step, flags, first)
     if stuck_current or stuck_voltage:
         flags |= STUCK
     bad_current = stuck_current or flags & (CURRENT_MISSING | CURRENT_RANGE) != 0
     bad_voltage = stuck_voltage or flags & (VOLTAGE_MISSING | VOLTAGE_RANGE) != 0
-    spread = math.sqrt(max(g[SQUARE_A2] - g[MEAN_A] * g[MEAN_A], 0.0)) + gate.doubt_A
+    mean = g[MEAN_A]
+    spread = math.sqrt(max(g[SQUARE_A2] - mean * mean, 0.0)) + gate.doubt_A
     if bad_current:
-        now, doubt = g[MEAN_A], spread
+        now, doubt = mean, spread
     else:
         now, doubt = current_A, 0.0
-        _remember_current(gate, g, now, step)
+        # A sample beyond a gap stands for no more time than any other.
+        _remember_current(gate, g, now, min(step, gate.gap_s))
     drive, drive_doubt = (now, doubt) if gate.looks_back else (g[LAST_A], g[LAST_DOUBT_A])
     if step > gate.gap_s:
         flags |= GAP
         long = step > gate.long_gap_s
-        drive = 0.0 if long else g[MEAN_A]
+        drive = 0.0 if long else mean
         drive_doubt = spread * gate.long_gap_s / step if long else spread
     before = g[DOUBT_C]
     g[DOUBT_C] = before + drive_doubt * step if drive_doubt > 0.0 else 0.0
@@ -157,6 +166,12 @@ def _judge(
     calm = flags == 0 and g[SAME_V] + g[SAME_A] + g[JUMPS] + g[REST_S] + g[FULL_S] + g[DOUBT_C] == 0.0
     g[CALM] = 1.0 if calm else 0.0
     return Screened(drive, now, doubt, added, not bad_voltage, g[TEMPERATURE_C], step, flags)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def is_temperature(temperature_C: float) -> bool:
+    """Whether a battery can have this temperature; NaN is none."""
+    return COLDEST_C <= temperature_C <= HOTTEST_C
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -178,16 +193,23 @@ def _stuck(
     gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, flags: int, first: bool
 ) -> tuple[bool, bool]:
     """Count repeated readings of current and voltage, and how far the other reading moved meanwhile."""
-    has_current, has_voltage = flags & CURRENT_MISSING == 0, flags & VOLTAGE_MISSING == 0
+    has_current = flags & (CURRENT_MISSING | CURRENT_RANGE) == 0
+    has_voltage = flags & (VOLTAGE_MISSING | VOLTAGE_RANGE) == 0
     if has_voltage:
         if voltage_V == g[RAW_V] and not first:
             if g[SAME_V] == 0.0:
                 g[LOW_A], g[HIGH_A] = g[LAST_A], g[LAST_A]
             g[SAME_V] += 1.0
+            g[LEFT_V] = math.nan
             g[SAME_C] += abs(g[LAST_A]) * step_s
         else:
             if abs(voltage_V - g[RAW_V]) > gate.jump_V:
-                g[JUMPS] += 1.0
+                # A spike of one sample, which comes back, was no jump.
+                back = g[JUMPS] > 0.0 and abs(voltage_V - g[LEFT_V]) <= gate.jump_V
+                g[JUMPS] += -1.0 if back else 1.0
+                g[LEFT_V] = math.nan if back else g[RAW_V]
+            else:
+                g[LEFT_V] = math.nan
             g[RAW_V], g[SAME_V], g[SAME_C] = voltage_V, 0.0, 0.0
     if has_current:
         g[LOW_A], g[HIGH_A] = min(g[LOW_A], current_A), max(g[HIGH_A], current_A)

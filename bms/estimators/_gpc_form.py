@@ -1,6 +1,10 @@
 """The quadratic form of the recursive gPC estimator; the maths stands in `bms.estimators.gpc_gradient`.
 
 Scalars are passed where that is possible: numbers that were stored one by one are slow to load as vectors.
+
+In what is inlined, no array is used for the last time inside a branch, and nothing is called that is not
+inlined itself: otherwise numba counts references to the arrays, a locked instruction each, which took as long
+as the arithmetic.
 """
 
 from __future__ import annotations
@@ -10,13 +14,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float, float, float, float]
+"""One number for each parameter."""
 
 ALPHA, R, BETA, XI, X10, BIAS = 0, 1, 2, 3, 4, 5
 THETA = 6
 """Parameters; the last one, the offset of the current sensor, is there only where it was asked for."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def lagrange(node: Array, barycentric: Array, xi: float, value: Array, slope: Array) -> None:
     """Lagrange polynomials through the nodes at ``xi``, and their derivatives."""
     for j in range(node.size):
@@ -29,7 +35,7 @@ def lagrange(node: Array, barycentric: Array, xi: float, value: Array, slope: Ar
         slope[j] = derivative * barycentric[j]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def coefficients(theta: Array, value: Array, c: Array, with_bias: bool) -> None:
     """Fill c(theta): what the regressors are multiplied with."""
     alpha = theta[ALPHA]
@@ -40,7 +46,7 @@ def coefficients(theta: Array, value: Array, c: Array, with_bias: bool) -> None:
         c[3 + value.size] = -alpha * theta[BIAS]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def pull_back(
     theta: Array, value: Array, slope: Array, r: Array, with_bias: bool
 ) -> tuple[float, float, float, float, float, float]:
@@ -57,7 +63,7 @@ def pull_back(
     return of_alpha, r[2], along, theta[BETA] * across, theta[ALPHA] * r[0], of_bias
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def push_forward(theta: Array, value: Array, slope: Array, d: Array, with_bias: bool, out: Array) -> None:
     """Multiply with dc/dtheta: from a step of theta to one of c."""
     n = value.size
@@ -69,7 +75,7 @@ def push_forward(theta: Array, value: Array, slope: Array, d: Array, with_bias: 
         out[3 + n] = -theta[BIAS] * d[ALPHA] - theta[ALPHA] * d[BIAS]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def quadratic(m: Array, c: Array, out: Array) -> None:
     """Multiply the symmetric matrix, of which the lower half is kept, with a vector."""
     n = c.size
@@ -82,7 +88,7 @@ def quadratic(m: Array, c: Array, out: Array) -> None:
         out[p] = total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def form(m: Array, v: Array) -> float:
     """Evaluate v' M v for the symmetric matrix, of which the lower half is kept."""
     total = 0.0
@@ -93,7 +99,7 @@ def form(m: Array, v: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def accumulate(m: Array, b: Array, z: Array, difference_V: float, forget: float, weight_s: float) -> None:
     """Forget a little, then add a sample to the lower half of M and to b."""
     for p in range(z.size):
@@ -103,65 +109,54 @@ def accumulate(m: Array, b: Array, z: Array, difference_V: float, forget: float,
             m[p, q] = forget * m[p, q] + scaled * z[q]
 
 
-@njit(cache=True, nogil=True, inline="always")
-def descend(
-    gain: Array,
-    m: Array,
-    theta: Array,
-    value: Array,
-    slope: Array,
-    gradient: tuple[float, float, float, float, float, float],
-    step_s: float,
-    with_bias: bool,
-    move: Array,
-    along: Array,
-) -> None:
-    """Take one step down the gradient, eqs 80-85, never further than the minimum along it.
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def scale(gain: Array, g: Vector) -> tuple[Vector, float]:
+    """Multiply a gradient with the gains, eqs 80-85; and the fall of the cost along that."""
+    d = (gain[0] * g[0], gain[1] * g[1], gain[2] * g[2], gain[3] * g[3], gain[4] * g[4], gain[5] * g[5])
+    fall = d[0] * g[0] + d[1] * g[1] + d[2] * g[2] + d[3] * g[3] + d[4] * g[4] + d[5] * g[5]
+    return d, fall
 
-    The curvature is bounded first by a sum over the diagonal, which nearly always shows the step to be safe.
-    Scalars, not arrays: numbers that were stored one by one are slow to load as vectors.
-    """
-    n = value.size
-    g0, g1, g2, g3, g4, g5 = gradient
-    d0, d1, d2, d3, d4, d5 = (
-        gain[0] * g0,
-        gain[1] * g1,
-        gain[2] * g2,
-        gain[3] * g3,
-        gain[4] * g4,
-        gain[5] * g5,
-    )
-    slope_down = d0 * g0 + d1 * g1 + d2 * g2 + d3 * g3 + d4 * g4 + d5 * g5
-    first = theta[X10] * d0 + theta[ALPHA] * d4
-    bound = first * first * m[0, 0] + d0 * d0 * m[1, 1] + d1 * d1 * m[2, 2]
-    beta_d3 = theta[BETA] * d3
-    for j in range(n):
-        part = value[j] * d2 + slope[j] * beta_d3
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def bound_curvature(m: Array, theta: Array, value: Array, slope: Array, d: Vector, with_bias: bool) -> float:
+    """Bound the curvature along ``d``: a sum over the diagonal, to be multiplied with the form's width."""
+    end = m.shape[0] - 1
+    last, of_bias = m[end, end], theta[BIAS] * d[0] + theta[ALPHA] * d[5]
+    first = theta[X10] * d[0] + theta[ALPHA] * d[4]
+    bound = first * first * m[0, 0] + d[0] * d[0] * m[1, 1] + d[1] * d[1] * m[2, 2]
+    beta_d3 = theta[BETA] * d[3]
+    for j in range(value.size):
+        part = value[j] * d[2] + slope[j] * beta_d3
         bound += part * part * m[3 + j, 3 + j]
     if with_bias:
-        part = theta[BIAS] * d0 + theta[ALPHA] * d5
-        bound += part * part * m[3 + n, 3 + n]
-    length = step_s
-    if along.size * bound * length > slope_down:
-        move[0], move[1], move[2], move[3], move[4], move[5] = d0, d1, d2, d3, d4, d5
-        push_forward(theta, value, slope, move, with_bias, along)
-        curvature = form(m, along)
-        if curvature * length > slope_down:
-            length = slope_down / curvature
-    theta[0] -= length * d0
-    theta[1] -= length * d1
-    theta[2] -= length * d2
-    theta[3] -= length * d3
-    theta[4] -= length * d4
-    theta[5] -= length * d5
+        bound += of_bias * of_bias * last
+    return float(bound)
 
 
-@njit(cache=True, nogil=True)
-def projected_variance(factor: Array, n: int, sd: Array, sensitivity: Array, positive: bool) -> float:
-    """Variance of a linear function of the parameters."""
-    z = np.empty(n)
-    for p in range(n):
-        z[p] = sensitivity[p] * sd[p]
+@njit(cache=True, nogil=True, error_model="numpy")
+def curvature_along(
+    m: Array, theta: Array, value: Array, slope: Array, d: Vector, with_bias: bool, move: Array, along: Array
+) -> float:
+    """Curvature of the cost along ``d``; ``move`` and ``along`` are scratch."""
+    move[0], move[1], move[2], move[3], move[4], move[5] = d
+    push_forward(theta, value, slope, move, with_bias, along)
+    return form(m, along)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def walk(theta: Array, d: Vector, length: float) -> None:
+    """Take a step against ``d``."""
+    theta[0] -= length * d[0]
+    theta[1] -= length * d[1]
+    theta[2] -= length * d[2]
+    theta[3] -= length * d[3]
+    theta[4] -= length * d[4]
+    theta[5] -= length * d[5]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def projected_variance(factor: Array, n: int, z: Array, positive: bool) -> float:
+    """Variance of a linear function of the parameters, its slopes in ``z``; those are overwritten."""
     total = 0.0
     for i in range(n):
         if positive:

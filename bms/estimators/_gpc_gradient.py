@@ -21,15 +21,18 @@ from bms.estimators._gpc_form import (
     XI,
     R,
     accumulate,
+    bound_curvature,
     coefficients,
-    descend,
+    curvature_along,
     lagrange,
     projected_variance,
     pull_back,
     push_forward,
     quadratic,
+    scale,
+    walk,
 )
-from bms.estimators._reset import read_rest
+from bms.estimators._reset import read_rest, soc_at_voltage
 from bms.estimators._small import factorise, solve_factored
 
 Array = NDArray[np.float64]
@@ -37,17 +40,24 @@ IntArray = NDArray[np.int64]
 
 X1, V2, HYSTERESIS, CLOCK_S, ON_S, DOUBT_C2 = 0, 1, 2, 3, 4, 5
 WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S, HEAT_W = range(6, 15)
-SCALARS = 15
+DOUBT_A, LOST_V, LOST2_V, LOST_H, FAR_S = range(15, 20)
+SCALARS = 20
 """Places in the memory behind the gate's: charge since the start, second pair, hysteresis, clock of the
 offset, time since start, variance of x1, sums of weights and of squared voltage, residuals (square, mean),
 weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step,
-heat."""
+heat, doubt about the last current, and what such doubts leave: deviations of both pairs and of the
+hysteresis; time for which residuals have been far off."""
 
 OUTLIER_SD = 8.0
 OUTLIER_SAMPLES = 60.0
 RESIDUAL_S = 300.0
 QUICK_S = 100.0
 STALE = 0.03
+MISMATCH_SD = 5.0
+LOST_SD, GIVE_UP_S = 50.0, 600.0
+LEAST_LOST_V = 1e-5
+FAR_SOC = 0.03
+FAR_SD = 20.0
 
 
 class Settings(NamedTuple):
@@ -78,135 +88,163 @@ class Settings(NamedTuple):
     resets_at_full: bool
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: Array) -> bool:
-    """Keep the parameters within their bounds and the SOC within [0, 1]."""
-    held = False
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: Array) -> int:
+    """Keep the parameters within their bounds and the SOC within [0, 1]; LIMIT when they were beyond."""
+    flags = 0
     for p in range(parameters):
         if p != X10 and not low[p] <= theta[p] <= high[p]:
             theta[p] = min(max(theta[p], low[p]), high[p])
             # xi at its end only says that the relaxation is as fast or slow as was thought possible.
-            held = held or p != XI
+            flags = flags if p == XI else _gate.LIMIT
     charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
-    capacity_C = 1.0 / theta[ALPHA]
-    if charge < 0.0 or charge > capacity_C:
-        theta[X10] += min(max(charge, 0.0), capacity_C) - charge
-        held = True
-    return held
+    inside = min(max(charge, 0.0), 1.0 / theta[ALPHA])
+    theta[X10] += inside - charge
+    return flags if inside == charge else _gate.LIMIT
 
 
-@njit(cache=True, nogil=True)
-def _normal(
-    settings: Settings,
+@njit(cache=True, nogil=True, error_model="numpy")
+def _information(
+    parameters: int,
+    sd: Array,
     m: Array,
     theta: Array,
     value: Array,
     slope: Array,
-    noise_V2s: float,
     unit: Array,
     along: Array,
     image: Array,
-    hessian: Array,
-) -> bool:
-    """Factorise (dc/dtheta)' M (dc/dtheta) / noise + the prior's information, in units of the prior's sd."""
-    n = settings.parameters
-    with_bias = n == THETA
-    for p in range(n):
-        for q in range(n):
-            unit[q] = settings.prior_sd[q] if q == p else 0.0
+    out: Array,
+) -> None:
+    """Fill the lower half of (dc/dtheta)' M (dc/dtheta), in units of the prior's standard deviations."""
+    with_bias = parameters == THETA
+    for p in range(parameters):
+        for q in range(parameters):
+            unit[q] = sd[q] if q == p else 0.0
         push_forward(theta, value, slope, unit, with_bias, along)
         quadratic(m, along, image)
         back = pull_back(theta, value, slope, image, with_bias)
         unit[0], unit[1], unit[2], unit[3], unit[4], unit[5] = back
-        for q in range(n):
-            hessian[p, q] = unit[q] * settings.prior_sd[q] / noise_V2s
+        for q in range(p + 1):
+            out[p, q] = unit[q] * sd[q]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normal(information: Array, n: int, noise_V2s: float, hessian: Array) -> bool:
+    """Factorise information / noise + the prior's own, which is one."""
+    for p in range(n):
+        for q in range(p + 1):
+            hessian[p, q] = information[p, q] / noise_V2s
         hessian[p, p] += 1.0
     return factorise(hessian, n)
 
 
-@njit(cache=True, nogil=True)
-def _noise_V2s(settings: Settings, x: Array, b: Array, c: Array, image: Array, slow_s: float) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _noise_V2s(noise_V2: float, x: Array, b: Array, c: Array, image: Array, slow_s: float) -> float:
     """Intensity of the output error: white noise, and what the residuals show beyond it as a slow error.
 
     ``image`` is M c + b.
     """
-    white = settings.noise_V2
     if x[WEIGHT_S] <= 0.0 or x[COUNT] <= 0.0:
-        return white
+        return noise_V2
     total = x[SQUARE_V2S]
     for p in range(c.size):
         total += c[p] * (image[p] + b[p])
-    excess = max(total / x[WEIGHT_S] - 1.05 * white, 0.0)
-    return float(white * x[WEIGHT_S] / x[COUNT] + slow_s * excess)
+    excess = max(total / x[WEIGHT_S] - 1.05 * noise_V2, 0.0)
+    return float(noise_V2 * x[WEIGHT_S] / x[COUNT] + slow_s * excess)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _report_soc(
-    settings: Settings, x: Array, theta: Array, hessian: Array, positive: bool, step: Array, row: Array
+    n: int,
+    sd: Array,
+    walk_C2_per_s: float,
+    window_s: float,
+    x: Array,
+    theta: Array,
+    hessian: Array,
+    positive: bool,
+    step: Array,
+    z: Array,
+    row: Array,
 ) -> None:
-    """Fill SOC and variance.
+    """Fill SOC and variance; ``z`` is scratch.
 
     The covariance is that of least squares with the prior; where a gradient has not arrived yet, the distance
     to the least-squares solution is added to the deviation.
     """
-    n, alpha, sd = settings.parameters, theta[ALPHA], settings.prior_sd
+    alpha = theta[ALPHA]
     charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
     row[0] = min(max(alpha * charge, 0.0), 1.0)
     # A random walk of the counted charge, seen through the memory's window.
-    window_s = x[ON_S]
-    if settings.log_forgetting_per_s < 0.0:
-        window_s = min(window_s, -1.0 / settings.log_forgetting_per_s)
-    walk_C2 = 0.5 * settings.current_sd_A**2 * window_s
-    sensitivity = np.zeros(THETA)
-    sensitivity[ALPHA], sensitivity[X10], sensitivity[BIAS] = charge, alpha, -alpha * x[CLOCK_S]
+    walk_C2 = walk_C2_per_s * min(x[ON_S], window_s)
+    z[:] = 0.0
+    z[ALPHA], z[X10], z[BIAS] = charge, alpha, -alpha * x[CLOCK_S]
     away = 0.0
     for p in range(n):
-        away += sensitivity[p] * sd[p] * step[p]
+        z[p] *= sd[p]
+        away += z[p] * step[p]
     variance = alpha * alpha * (x[DOUBT_C2] + walk_C2) + away * away
-    variance += projected_variance(hessian, n, sd, sensitivity, positive)
+    variance += projected_variance(hessian, n, z, positive)
     row[1] = min(max(variance, 0.0), 1.0 / 12.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _report_parameter(
-    settings: Settings, theta: Array, p: int, hessian: Array, positive: bool, step: Array, row: Array
+    n: int,
+    sd: Array,
+    sigma_mid_per_s: float,
+    sigma_half_per_s: float,
+    theta: Array,
+    p: int,
+    hessian: Array,
+    positive: bool,
+    step: Array,
+    z: Array,
+    row: Array,
 ) -> None:
-    """Fill a parameter in the user's terms and its standard deviation."""
-    n, sd = settings.parameters, settings.prior_sd
-    sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[XI]
-    sensitivity = np.zeros(THETA)
+    """Fill a parameter in the user's terms and its standard deviation; ``z`` is scratch."""
+    sigma = sigma_mid_per_s + sigma_half_per_s * theta[XI]
+    z[:] = 0.0
     if p == 0:
         value = 1.0 / (3600.0 * theta[ALPHA])
-        sensitivity[ALPHA] = -value / theta[ALPHA]
+        z[ALPHA] = -value / theta[ALPHA]
     elif p == 1:
         value = theta[R]
-        sensitivity[R] = 1.0
+        z[R] = 1.0
     elif p == 2:
         value = theta[BETA] / sigma
-        sensitivity[BETA] = 1.0 / sigma
-        sensitivity[XI] = -value * settings.sigma_half_per_s / sigma
+        z[BETA] = 1.0 / sigma
+        z[XI] = -value * sigma_half_per_s / sigma
     elif p == 3:
         value = 1.0 / theta[BETA]
-        sensitivity[BETA] = -value / theta[BETA]
+        z[BETA] = -value / theta[BETA]
     else:
         value = theta[BIAS]
-        sensitivity[BIAS] = 1.0
+        z[BIAS] = 1.0
     away = 0.0
     for q in range(n):
-        away += sensitivity[q] * sd[q] * step[q]
-    spread = projected_variance(hessian, n, sd, sensitivity, positive)
+        z[q] *= sd[q]
+        away += z[q] * step[q]
+    spread = projected_variance(hessian, n, z, positive)
     row[4 + p] = value
     row[4 + n - 1 + p] = math.sqrt(max(spread + away * away, 0.0))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _newton(
-    settings: Settings, theta: Array, gradient: Array, hessian: Array, noise_V2s: float, step: Array
+    n: int,
+    sd: Array,
+    start: Array,
+    theta: Array,
+    gradient: Array,
+    hessian: Array,
+    noise_V2s: float,
+    step: Array,
 ) -> None:
     """Take a Gauss-Newton step, at most one standard deviation of the prior in each parameter."""
-    n, sd = settings.parameters, settings.prior_sd
     for p in range(n):
-        step[p] = gradient[p] * sd[p] / noise_V2s + (theta[p] - settings.start[p]) / sd[p]
+        step[p] = gradient[p] * sd[p] / noise_V2s + (theta[p] - start[p]) / sd[p]
     solve_factored(hessian, n, step)
     largest = 1.0
     for p in range(n):
@@ -215,18 +253,215 @@ def _newton(
         theta[p] -= sd[p] * step[p] / largest
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _lose(
+    x: Array,
+    doubt_A: float,
+    drive_A: float,
+    r1: float,
+    tau1: float,
+    r2: float,
+    tau2: float,
+    rate_per_C: float,
+    dt: float,
+) -> None:
+    """Move what a doubtful current leaves in relaxation and hysteresis."""
+    keep = math.exp(-dt / tau1)
+    x[LOST_V] = keep * x[LOST_V] + r1 * (1.0 - keep) * doubt_A
+    if r2 > 0.0:
+        keep = math.exp(-dt / tau2)
+        x[LOST2_V] = keep * x[LOST2_V] + r2 * (1.0 - keep) * doubt_A
+    if rate_per_C > 0.0:
+        x[LOST_H] *= math.exp(-rate_per_C * abs(drive_A) * dt)
+        x[LOST_H] = min(x[LOST_H] + 1.0 - math.exp(-rate_per_C * doubt_A * dt), 1.0)
+
+
 @njit(cache=True, nogil=True, inline="always")
 def _correct_charge(x: Array, alpha: float, innovation: float, sensitivity: float, noise: float) -> None:
-    """Weigh an innovation against the doubt about the charge that passed, a scalar Kalman step."""
+    """Weigh an innovation against the doubt about the charge that passed, a scalar Kalman step.
+
+    A step goes no further than the doubt: the slope holds no further where the curve bends.
+    """
     per_C = sensitivity * alpha
     total = per_C * per_C * x[DOUBT_C2] + noise
     if total > 0.0:
         gain = x[DOUBT_C2] * per_C / total
-        x[X1] += gain * innovation
+        most = math.sqrt(x[DOUBT_C2])
+        x[X1] += min(max(gain * innovation, -most), most)
         x[DOUBT_C2] *= noise / total
 
 
-@njit(cache=True, nogil=True)
+class Room(NamedTuple):
+    """Views of the memory, and room to work in."""
+
+    x: Array  # scalars
+    theta: Array
+    m: Array
+    b: Array
+    value: Array  # Lagrange polynomials at xi
+    slope: Array  # and their derivatives
+    c: Array
+    image: Array
+    along: Array
+    gradient: Array
+    step: Array
+    unit: Array
+    information: Array
+    hessian: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look(settings: Settings, room: Room) -> None:
+    """Fill c, M c + b, the gradient and the information at the present parameters."""
+    parameters = settings.parameters
+    with_bias = parameters == THETA
+    lagrange(settings.node, settings.barycentric, room.theta[XI], room.value, room.slope)
+    coefficients(room.theta, room.value, room.c, with_bias)
+    quadratic(room.m, room.c, room.image)
+    for p in range(room.c.size):
+        room.image[p] += room.b[p]
+    room.gradient[:] = pull_back(room.theta, room.value, room.slope, room.image, with_bias)
+    work = np.empty(room.c.size)
+    _information(
+        parameters,
+        settings.prior_sd,
+        room.m,
+        room.theta,
+        room.value,
+        room.slope,
+        room.unit,
+        room.along,
+        work,
+        room.information,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_row(settings: Settings, room: Room, row: Array) -> float:
+    """Fill a row but for residual and flags; give the intensity of the output error with its slow part."""
+    parameters, sd = settings.parameters, settings.prior_sd
+    middle, half = settings.sigma_mid_per_s, settings.sigma_half_per_s
+    x, theta, step = room.x, room.theta, room.step
+    slow_s, window_s = 2.0 * settings.correlation_s, math.inf
+    if settings.log_forgetting_per_s < 0.0:
+        window_s = -1.0 / settings.log_forgetting_per_s
+    _look(settings, room)
+    # How far the least-squares solution still is, as Gauss-Newton would go there. Resistances are seen in
+    # quick changes of the current, which a slow error of the model disturbs little.
+    quick_V2s = _noise_V2s(settings.noise_V2, x, room.b, room.c, room.image, QUICK_S)
+    quick_V2s += QUICK_S * settings.model_error_V2
+    slow_V2s = _noise_V2s(settings.noise_V2, x, room.b, room.c, room.image, slow_s)
+    slow_V2s += slow_s * settings.model_error_V2
+    step[:] = 0.0
+    positive = _normal(room.information, parameters, quick_V2s, room.hessian)
+    if positive:
+        for p in range(parameters):
+            step[p] = room.gradient[p] * sd[p] / quick_V2s
+        solve_factored(room.hessian, parameters, step)
+    for p in range(1, 4):
+        _report_parameter(
+            parameters, sd, middle, half, theta, p, room.hessian, positive, step, room.unit, row
+        )
+    positive = _normal(room.information, parameters, slow_V2s, room.hessian)
+    walk_C2_per_s = 0.5 * settings.current_sd_A**2
+    _report_soc(
+        parameters, sd, walk_C2_per_s, window_s, x, theta, room.hessian, positive, step, room.unit, row
+    )
+    for p in range(0, parameters - 1, 4):
+        _report_parameter(
+            parameters, sd, middle, half, theta, p, room.hessian, positive, step, room.unit, row
+        )
+    return slow_V2s
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_soc(
+    settings: Settings, room: Room, known: float, doubt: float, slow_V2s: float, row: Array
+) -> None:
+    """Take a measurement of the SOC: into the sums, and at once into the estimate and the row."""
+    x, theta, along = room.x, room.theta, room.along
+    along[:] = 0.0
+    along[0], along[1] = 1.0, x[X1]
+    if settings.parameters == THETA:
+        along[3 + settings.node.size] = x[CLOCK_S]
+    weight = slow_V2s / doubt
+    accumulate(room.m, room.b, along, -known, 1.0, weight)
+    x[SQUARE_V2S] += weight * known * known
+    gain = row[1] / (row[1] + doubt)
+    moved_C = gain * (known - row[0]) / theta[ALPHA]
+    share = min(theta[ALPHA] * theta[ALPHA] * x[DOUBT_C2] / max(row[1], 1e-30), 1.0)
+    x[X1] += share * moved_C
+    theta[X10] += (1.0 - share) * moved_C
+    x[DOUBT_C2] *= 1.0 - gain
+    row[0] += gain * (known - row[0])
+    row[1] *= 1.0 - gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_newton(
+    settings: Settings,
+    room: Room,
+    guide: IntArray,
+    knot: Array,
+    cubic: Array,
+    shown_V: float,
+    usable: bool,
+) -> None:
+    """Take a Gauss-Newton step and forget what was linearised far from where it leads.
+
+    ``shown_V`` is the open-circuit voltage that the last sample shows.
+    """
+    x, theta = room.x, room.theta
+    before = room.theta.copy()
+    charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
+    soc = min(max(theta[ALPHA] * charge, 0.0), 1.0)
+    _look(settings, room)
+    noise_V2s = _noise_V2s(settings.noise_V2, x, room.b, room.c, room.image, QUICK_S)
+    if not _normal(room.information, settings.parameters, noise_V2s, room.hessian):
+        return
+    _newton(
+        settings.parameters,
+        settings.prior_sd,
+        settings.start,
+        theta,
+        room.gradient,
+        room.hessian,
+        noise_V2s,
+        room.step,
+    )
+    moved = theta[ALPHA] * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]) - before[ALPHA] * charge
+    if usable and abs(moved) > FAR_SOC and x[SLOW_V] ** 2 > FAR_SD * FAR_SD * settings.noise_V2:
+        # From so far away the tangent leads nowhere: read the SOC off the curve.
+        theta[:] = before
+        theta[X10] += (soc_at_voltage(guide, knot, cubic, shown_V) - soc) / theta[ALPHA]
+    _forget(room, math.exp(-abs(moved) / STALE))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _forget(room: Room, share: float) -> None:
+    """Keep only a share of all that was summed up."""
+    x, m, b = room.x, room.m, room.b
+    x[WEIGHT_S] *= share
+    x[SQUARE_V2S] *= share
+    x[COUNT] *= share
+    for p in range(b.size):
+        b[p] *= share
+        for q in range(p + 1):
+            m[p, q] *= share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start_anew(settings: Settings, room: Room) -> None:
+    """Give up what bad data taught: parameters and sums as before any sample, the SOC as it is."""
+    x, theta = room.x, room.theta
+    soc = theta[ALPHA] * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S])
+    theta[:] = settings.start
+    theta[X10] = soc / theta[ALPHA] - x[X1] + theta[BIAS] * x[CLOCK_S]
+    _forget(room, 0.0)
+    x[FAR_S] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(
     circuit: Circuit,
     gate: Gate,
@@ -271,7 +506,8 @@ def run(
     keep, feed, value, slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     z, c, image, along = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(width)
     gradient, move, step, unit = np.zeros(THETA), np.zeros(THETA), np.zeros(THETA), np.zeros(THETA)
-    hessian = np.zeros((THETA, THETA))
+    hessian, information = np.zeros((THETA, THETA)), np.zeros((THETA, THETA))
+    room = Room(x, theta, m, b, value, slope, c, image, along, gradient, step, unit, information, hessian)
     pending, at, due, last = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1, current_A.size - 1
     last_step, keep2, keep_warm, forget = -1.0, 0.0, 0.0, 1.0
     shape, speed, store, hysteresis_V = 1.0, 1.0, 1.0, 0.0
@@ -309,6 +545,14 @@ def run(
         x[CLOCK_S] += dt
         x[ON_S] += dt
         x[DOUBT_C2] += seen.charge_variance_C2
+        drive_doubt = seen.doubt_A if gate.looks_back else x[DOUBT_A]
+        if flags & _gate.GAP:
+            drive_doubt = math.sqrt(seen.charge_variance_C2) / dt
+        x[DOUBT_A] = seen.doubt_A
+        lost_V2 = 0.0
+        if drive_doubt > 0.0 or x[LOST_V] + x[LOST2_V] + hysteresis_V * x[LOST_H] > LEAST_LOST_V:
+            _lose(x, drive_doubt, drive, reference[1], reference[2], r2, tau2, rate * alpha, dt)
+            lost_V2 = x[LOST_V] ** 2 + x[LOST2_V] ** 2 + (hysteresis_V * x[LOST_H]) ** 2
         for j in range(n):
             y[j] = keep[j] * y[j] + feed[j] * store * drive
         if r2 > 0.0:
@@ -335,7 +579,7 @@ def run(
         if usable and x[ON_S] > start_s:
             square = residual_V * residual_V
             limit = (
-                OUTLIER_SD * OUTLIER_SD * (x[FAST_V2] + noise_V2)
+                OUTLIER_SD * OUTLIER_SD * (x[FAST_V2] + noise_V2 + lost_V2)
                 + slope_V * slope_V * (alpha * alpha * x[DOUBT_C2]) * OUTLIER_SD
                 + (theta[R] * seen.doubt_A) ** 2 * OUTLIER_SD
             )
@@ -348,12 +592,18 @@ def run(
                 quick = min(dt / RESIDUAL_S, 1.0)
                 x[FAST_V2] += quick * (square - x[FAST_V2])
                 x[SLOW_V] += quick * (residual_V - x[SLOW_V])
+            if x[SLOW_V] * x[SLOW_V] > MISMATCH_SD * MISMATCH_SD * noise_V2 + lost_V2:
+                flags |= _gate.MISMATCH
+            far = x[SLOW_V] * x[SLOW_V] > LOST_SD * LOST_SD * noise_V2
+            x[FAR_S] = x[FAR_S] + dt if far else 0.0
         elif usable:
             x[FAST_V2] = max(x[FAST_V2], residual_V * residual_V)
         if usable and x[DOUBT_C2] > 0.0:
             extra = (theta[R] * seen.doubt_A) ** 2
-            _correct_charge(x, alpha, residual_V, slope_V, noise_V2 + extra + x[SLOW_V] * x[SLOW_V])
-        if usable and seen.doubt_A == 0.0 and x[ON_S] > start_s:
+            # What was lost lasts: it counts once in the time of the residuals, not with every sample.
+            lost = lost_V2 * max(RESIDUAL_S / dt, 1.0) if dt > 0.0 else lost_V2 * RESIDUAL_S
+            _correct_charge(x, alpha, residual_V, slope_V, noise_V2 + extra + lost + x[SLOW_V] * x[SLOW_V])
+        if usable and seen.doubt_A == 0.0 and lost_V2 <= noise_V2 and x[ON_S] > start_s:
             weight_s = dt
             if flat2 > 0.0:
                 weight_s *= slope_V * slope_V / (slope_V * slope_V + flat2)
@@ -367,31 +617,22 @@ def run(
                 for p in range(width):
                     image[p] += b[p]
                 back = pull_back(theta, value, slope, image, with_bias)
-                descend(gain, m, theta, value, slope, back, dt, with_bias, move, along)
+                d, fall = scale(gain, back)
+                # Nearly always the bound shows the step to be safe; at most it goes to the minimum along it.
+                length = dt
+                if width * bound_curvature(m, theta, value, slope, d, with_bias) * length > fall:
+                    curvature = curvature_along(m, theta, value, slope, d, with_bias, move, along)
+                    if curvature * length > fall:
+                        length = fall / curvature
+                walk(theta, d, length)
             else:
                 x[SINCE_S] += dt
                 if x[SINCE_S] >= newton_s:
                     x[SINCE_S] = 0.0
-                    quadratic(m, c, image)
-                    for p in range(width):
-                        image[p] += b[p]
-                    gradient[:] = pull_back(theta, value, slope, image, with_bias)
-                    noise_V2s = _noise_V2s(settings, x, b, c, image, QUICK_S)
-                    if _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian):
-                        _newton(settings, theta, gradient, hessian, noise_V2s, step)
-                        moved = (
-                            theta[ALPHA] * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]) - alpha * charge
-                        )
-                        stale = math.exp(-abs(moved) / STALE)
-                        x[WEIGHT_S] *= stale
-                        x[SQUARE_V2S] *= stale
-                        x[COUNT] *= stale
-                        for p in range(width):
-                            b[p] *= stale
-                            for q in range(p + 1):
-                                m[p, q] *= stale
-            if _hold_in_bounds(low, high, parameters, x, theta):
-                flags |= _gate.LIMIT
+                    _step_newton(settings, room, guide, knot, cubic, ocv_V + residual_V, usable)
+                if x[FAR_S] > GIVE_UP_S:
+                    _start_anew(settings, room)
+            flags |= _hold_in_bounds(low, high, parameters, x, theta)
         occasion = flags & (_gate.REST | _gate.FULL)
         arrived = occasion & ~int(x[OCCASION])
         x[OCCASION] = occasion
@@ -400,55 +641,12 @@ def run(
         )
         pending |= flags
         if reset or k in (due, last):
-            lagrange(node, barycentric, theta[XI], value, slope)
-            coefficients(theta, value, c, with_bias)
-            quadratic(m, c, image)
-            for p in range(width):
-                image[p] += b[p]
-            gradient[:] = pull_back(theta, value, slope, image, with_bias)
-            # How far the least-squares solution still is, as Gauss-Newton would go there. Resistances are
-            # seen in quick changes of the current, which a slow error of the model disturbs little.
-            noise_V2s = _noise_V2s(settings, x, b, c, image, QUICK_S)
-            noise_V2s += QUICK_S * settings.model_error_V2
-            for p in range(THETA):
-                step[p] = 0.0
-            positive = _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian)
-            if positive:
-                for p in range(parameters):
-                    step[p] = gradient[p] * settings.prior_sd[p] / noise_V2s
-                solve_factored(hessian, parameters, step)
-            for p in range(1, 4):
-                _report_parameter(settings, theta, p, hessian, positive, step, row)
-            quadratic(m, c, image)
-            for p in range(width):
-                image[p] += b[p]
-            noise_V2s = _noise_V2s(settings, x, b, c, image, 2.0 * settings.correlation_s)
-            noise_V2s += 2.0 * settings.correlation_s * settings.model_error_V2
-            positive = _normal(settings, m, theta, value, slope, noise_V2s, unit, along, image, hessian)
-            _report_soc(settings, x, theta, hessian, positive, step, row)
-            for p in range(0, parameters - 1, 4):
-                _report_parameter(settings, theta, p, hessian, positive, step, row)
-            if reset and (usable or arrived & _gate.FULL):
-                known, doubt = 1.0, settings.full_sd**2
-                if not arrived & _gate.FULL:
-                    known, doubt = read_rest(guide, knot, cubic, voltage_V[k], settings.rest_doubt_V)
-                # A measurement of the SOC: into the sums, and at once into the estimate.
-                for p in range(width):
-                    along[p] = 0.0
-                along[0], along[1] = 1.0, x[X1]
-                if with_bias:
-                    along[3 + n] = x[CLOCK_S]
-                weight = noise_V2s / doubt
-                accumulate(m, b, along, -known, 1.0, weight)
-                x[SQUARE_V2S] += weight * known * known
-                gain_here = row[1] / (row[1] + doubt)
-                moved_C = gain_here * (known - row[0]) / theta[ALPHA]
-                share = min(theta[ALPHA] * theta[ALPHA] * x[DOUBT_C2] / max(row[1], 1e-30), 1.0)
-                x[X1] += share * moved_C
-                theta[X10] += (1.0 - share) * moved_C
-                x[DOUBT_C2] *= 1.0 - gain_here
-                row[0] += gain_here * (known - row[0])
-                row[1] *= 1.0 - gain_here
+            slow_V2s = _fill_row(settings, room, row)
+            if reset and arrived & _gate.FULL:
+                _take_soc(settings, room, 1.0, settings.full_sd**2, slow_V2s, row)
+            elif reset and usable:
+                known, doubt = read_rest(guide, knot, cubic, voltage_V[k], settings.rest_doubt_V)
+                _take_soc(settings, room, known, doubt, slow_V2s, row)
             row[2] = residual_V if seen.usable else math.nan
             row[3] = flags
         if k == due:

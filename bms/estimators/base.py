@@ -139,6 +139,16 @@ class KernelEstimator:
             for name, value, sd in zip(self._names, values, deviations, strict=True)
         }
 
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the parameters in the order of `parameters`, shape (m, m)."""
+        deviations = self._row[LEADING + len(self._names) :]
+        return np.asarray(self._correlation() * np.outer(deviations, deviations))
+
+    def _correlation(self) -> Array:
+        """Correlation of the parameters, shape (m, m); a concrete estimator knows it."""
+        return np.eye(len(self._names))
+
     def copy(self) -> Self:
         """Copy the estimator with all that it remembers."""
         twin = copy.copy(self)

@@ -39,6 +39,12 @@ class Sensors(BaseModel):
     rest_C_rate: float = Field(default=0.005, ge=0.0, description="no more current than this is rest, 1/h")
     rest_after_s: float = Field(default=3600.0, gt=0.0, description="rest counts after this long, s")
     full_after_s: float = Field(default=30.0, ge=0.0, description="full charge counts after this long, s")
+    ambient_C: float | None = Field(
+        default=None,
+        ge=-60.0,
+        le=100.0,
+        description="surroundings where the cell's temperature is not measured, deg C; its reference by default",
+    )
     holds: str = Field(
         default="from",
         pattern="^(from|until)$",
@@ -73,7 +79,8 @@ def gate_for(cell: Cell, sensors: Sensors) -> Gate:
         stuck_A=seen_V / ohm,
         jump_V=2.0 * seen_V,
         stuck_C=0.03 * cell.capacity_C,
-        doubt_A=0.05 * cell.capacity_Ah,
+        doubt_A=0.2 * cell.capacity_Ah,
+        start_A=0.5 * cell.capacity_Ah,
         rest_A=sensors.rest_C_rate * cell.capacity_Ah + 3.0 * sensors.current_sd_A,
         rest_after_s=sensors.rest_after_s,
         full_V=math.inf
@@ -83,5 +90,6 @@ def gate_for(cell: Cell, sensors: Sensors) -> Gate:
         if cell.full_charge_current_A is None
         else cell.full_charge_current_A + 2.0 * sensors.current_sd_A,
         full_after_s=sensors.full_after_s,
+        ambient_C=cell.reference_temperature_C if sensors.ambient_C is None else sensors.ambient_C,
         looks_back=sensors.holds == "until",
     )

@@ -176,6 +176,45 @@ class _GpcLeastSquares(KernelEstimator):
         super().__init__(cell, gate_for(cell, sensed), settings, memory, names, belief)
         self._describe(settings)
 
+    def _correlation(self) -> Array:
+        """Correlation of the parameters as least squares with the prior sees it, shape (m, m)."""
+        settings: _gpc_gradient.Settings = self._settings
+        n, nodes = settings.parameters, settings.node.size
+        width = nodes + (3 if n < _gpc_form.THETA else 4)
+        at = _gate.SIZE
+        x = self._memory[at : at + _gpc_gradient.SCALARS]
+        theta = self._memory[at + _gpc_gradient.SCALARS :][: _gpc_form.THETA]
+        lower = self._memory[-width * width :].reshape(width, width)
+        m = np.tril(lower) + np.tril(lower, -1).T
+        value, slope = np.empty(nodes), np.empty(nodes)
+        _gpc_form.lagrange(settings.node, settings.barycentric, theta[_gpc_form.XI], value, slope)
+        rows = np.zeros((n, width))
+        with_bias = n == _gpc_form.THETA
+        for p in range(n):
+            _gpc_form.push_forward(theta, value, slope, np.eye(_gpc_form.THETA)[p], with_bias, rows[p])
+        scaled = rows.T * settings.prior_sd[:n]
+        count = x[_gpc_gradient.COUNT]
+        noise_V2s = settings.noise_V2 * (x[_gpc_gradient.WEIGHT_S] / count if count > 0.0 else 1.0)
+        posterior = np.linalg.inv(scaled.T @ m @ scaled / noise_V2s + np.eye(n))
+        told = self._told(theta) * settings.prior_sd[:n]
+        covariance = told @ posterior @ told.T
+        sd = np.sqrt(np.diag(covariance))
+        return np.asarray(covariance / np.outer(sd, sd))
+
+    def _told(self, theta: Array) -> Array:
+        """Derivative of the reported parameters by theta, up to the factors on each, shape (m, n)."""
+        settings: _gpc_gradient.Settings = self._settings
+        sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[_gpc_form.XI]
+        told = np.zeros((len(self._names), settings.parameters))
+        told[0, _gpc_form.ALPHA] = -1.0 / theta[_gpc_form.ALPHA] ** 2
+        told[1, _gpc_form.R] = 1.0
+        told[2, _gpc_form.BETA] = 1.0 / sigma
+        told[2, _gpc_form.XI] = -theta[_gpc_form.BETA] * settings.sigma_half_per_s / sigma**2
+        told[3, _gpc_form.BETA] = -1.0 / theta[_gpc_form.BETA] ** 2
+        if settings.parameters == _gpc_form.THETA:
+            told[4, _gpc_form.BIAS] = 1.0
+        return told
+
     def _describe(self, settings: _gpc_gradient.Settings) -> None:
         """Fill the row with what is believed before any sample."""
         theta, sd = settings.start, settings.prior_sd
