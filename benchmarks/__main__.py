@@ -6,6 +6,14 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from benchmarks.battery import (
+    filter_tasks,
+    gradient_tasks,
+    member_tasks,
+    other_estimator_tasks,
+    simulation_tasks,
+)
+from benchmarks.battery_log import phev_log
 from benchmarks.cases import Case, certain_case, hev_problem, stochastic_case
 from benchmarks.driving import rollout_tasks, table_tasks
 from benchmarks.rivals import CERTAIN, STOCHASTIC, Rival
@@ -16,6 +24,7 @@ from ems import GridSettings, Problem
 STEPS = 300
 ROUNDS = 5
 REALIZATIONS = 50
+SLOW_SAMPLES, DAY, HOUR, MEMBERS = 2000, 86_400, 3600, 1000
 SETTINGS = GridSettings(soc_step=0.0025, variance_rows=15, torque_levels=39)
 WIDTH = 120
 
@@ -51,6 +60,30 @@ def driving_sections(problem: Problem) -> list[Section]:
     ]
 
 
+def battery_sections() -> list[Section]:
+    """Time cells and estimators on ten days at 1 s."""
+    log = phev_log()
+    paired, others = simulation_tasks(log, SLOW_SAMPLES)
+    cells, estimators = member_tasks(log.first(HOUR), MEMBERS)
+    hour = f"{MEMBERS:,} in one call, an hour each"
+    compared = [
+        ("Cell simulation, lfp-2ah", "step", paired),
+        (f"Cells, {hour}", "cell x step", cells),
+        ("Report's estimator", "sample", gradient_tasks(log, SLOW_SAMPLES)),
+        ("Extended Kalman filter, 2 states", "sample", filter_tasks(log, SLOW_SAMPLES, joint=False)),
+        ("Extended Kalman filter, 5 states", "sample", filter_tasks(log, SLOW_SAMPLES, joint=True)),
+        (f"gpc_gradient, {hour}", "estimator x sample", estimators),
+    ]
+    alone = [
+        ("Cell simulation, further", "step", others),
+        ("Estimators, further", "sample", other_estimator_tasks(log, DAY)),
+    ]
+    return [
+        *(Section(title, unit, interleave(tasks, ROUNDS)) for title, unit, tasks in compared),
+        *(Section(title, unit, interleave(tasks, ROUNDS), compared=False) for title, unit, tasks in alone),
+    ]
+
+
 def main() -> None:
     """Run everything."""
     console = Console()
@@ -60,6 +93,7 @@ def main() -> None:
         solver_section("Stochastic solve", stochastic_case(problem), STOCHASTIC, console),
         solver_section("Certainty-equivalent solve", certain_case(problem), CERTAIN, console),
         *driving_sections(problem),
+        *battery_sections(),
     ]
     console.print(build_table(sections, ROUNDS))
 

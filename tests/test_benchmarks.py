@@ -6,13 +6,25 @@ import io
 import naive
 import numpy as np
 import pytest
+from battery_cases import drive_current_A
 from rich.console import Console
 
+from benchmarks.battery import (
+    filter_tasks,
+    gradient_tasks,
+    member_tasks,
+    other_estimator_tasks,
+    require_equal,
+    simulation_tasks,
+)
+from benchmarks.battery_log import measure
 from benchmarks.cases import certain_case, hev_problem, stochastic_case
 from benchmarks.driving import rollout_tasks, table_tasks
 from benchmarks.rivals import CERTAIN, STOCHASTIC, DisagreementError
 from benchmarks.table import Section, build_table
 from benchmarks.timing import Task, Timing, interleave
+from bms.cells import load_cell
+from bms.estimators.catalogue import estimator_names
 from bms.filtering import tabulate_filter
 from ems import GridSettings
 
@@ -27,6 +39,11 @@ def problem():
 @pytest.fixture(scope="module")
 def stochastic(problem):
     return stochastic_case(problem)
+
+
+@pytest.fixture(scope="module")
+def log():
+    return measure(load_cell("lfp-2ah"), drive_current_A(1000))
 
 
 @pytest.mark.parametrize("rival", STOCHASTIC, ids=lambda rival: rival.name)
@@ -81,6 +98,54 @@ def test_kernel_and_loop_drive_alike_and_the_units_are_counted(problem):
     assert known[0].units == tabulate_filter(problem.pack, problem.uncertainty).measured.size
     timings = interleave([*paired, *others], 1)
     assert all((timing.cpu >= 0.0).all() and (timing.wall > 0.0).all() for timing in timings)
+
+
+def test_cells_and_plain_loop_agree_and_the_steps_are_counted(log):
+    paired, others = simulation_tasks(log, 200)
+    assert [task.units for task in paired] == [1000, 200]
+    assert paired[0].run().shape == (1000,)
+    assert [task.units for task in others] == [1000] * 4
+    np.testing.assert_array_equal(others[0].run(), paired[0].run())
+    np.testing.assert_array_equal(others[1].run().voltage_V, paired[0].run())
+
+
+def test_the_reports_estimator_and_its_equations_agree(log):
+    ours, theirs = gradient_tasks(log, 300)
+    assert (ours.units, theirs.units) == (1000, 300)
+    assert ours.run().soc.shape == (17,)
+    assert theirs.run().shape == (300, 6)
+
+
+@pytest.mark.parametrize("joint", [False, True])
+def test_the_filter_is_that_of_the_textbook_with_model_error_and_watch_off(log, joint):
+    ours, *rivals = filter_tasks(log, 300, joint)
+    assert len(ours.run().parameters) == (3 if joint else 0)
+    assert [task.units for task in rivals] == [300] * len(rivals)
+    assert rivals != []
+
+
+def test_every_estimator_is_timed(log):
+    tasks = [*gradient_tasks(log, 50), *filter_tasks(log, 50, joint=True), *other_estimator_tasks(log, 100)]
+    named = {task.name.split(",")[0] for task in tasks}
+    assert set(estimator_names()) <= named
+    timings = interleave(tasks, 1)
+    assert all((timing.wall > 0.0).all() for timing in timings)
+
+
+def test_members_are_counted_and_estimate_what_one_alone_does(log):
+    cells, estimators = member_tasks(log, 3)
+    assert [task.units for task in (*cells, *estimators)] == [3000, 1000] * 2
+    assert [task.run().voltage_V.shape for task in cells] == [(3, 1000), (1, 1000)]
+    many, one = (task.run().soc for task in estimators)
+    assert (many.shape, one.shape) == ((3, 17), (1, 17))
+    np.testing.assert_array_equal(many[2], one[0])
+
+
+@pytest.mark.parametrize("theirs", [[1.0, 2.1], [1.0, np.nan]])
+def test_tracks_that_differ_are_refused(theirs):
+    assert require_equal("tracks", np.ones(2), np.full(2, 1.0 + 1e-12), 1e-9) > 0.0
+    with pytest.raises(DisagreementError, match=r"tracks differ .* no time is taken"):
+        require_equal("tracks", np.array([1.0, 2.0]), np.array(theirs), 1e-9)
 
 
 def test_rounds_are_interleaved():

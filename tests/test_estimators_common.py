@@ -154,3 +154,44 @@ def test_beliefs_stay_beliefs_at_the_ends(name, soc):
     trace = make_estimator(name, cell, soc=soc, soc_sd=0.1).run(current, voltage)
     assert np.all((trace.soc >= 0.0) & (trace.soc <= 1.0))
     assert np.all((trace.variance >= 0.0) & (trace.variance <= 1.0 / 12.0 + 1e-12))
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_parameters_come_with_their_covariance(name):
+    cell = load_cell("lfp-2ah")
+    current, voltage, _ = noisy_log(cell, 3000)
+    estimator = make_estimator(name, cell, soc=0.5)
+    for _ in range(2):
+        found = estimator.covariance
+        deviations = np.array([parameter.sd for parameter in estimator.parameters.values()])
+        assert found.shape == (deviations.size, deviations.size)
+        np.testing.assert_allclose(np.sqrt(np.diag(found)), deviations, rtol=1e-9)
+        if deviations.size:
+            correlation = found / np.outer(deviations, deviations)
+            assert np.linalg.eigvalsh(correlation).min() > -1e-9
+            np.testing.assert_allclose(found, found.T)
+        estimator.run(current, voltage, every=1000)
+    if deviations.size:
+        assert np.abs(correlation - np.eye(deviations.size)).max() > 0.01
+
+
+def test_the_covariance_covers_that_of_many_seeds():
+    """R and R_r of Gauss-Newton over 60 seeds of the noise, with five terms and no error of the model."""
+    cell, n = load_cell("nmc-lgm50").with_values(thermal=None), 3600
+    rng = np.random.default_rng(5)
+    current = drive_current_A(n, seed=6, rms_A=4.0)
+    voltage = simulate(cell, current, soc=0.5).voltage_V
+    silent = Sensors(current_sd_A=0.0)
+    found, believed = [], []
+    for _ in range(60):
+        estimator = make_estimator(
+            "gpc_gauss_newton", cell, soc=0.5, soc_sd=0.05, terms=5, sensors=silent, model_error_V=0.0
+        )
+        estimator.run(current, voltage + rng.normal(0.0, 0.002, n), every=n)
+        found.append([parameter.value for parameter in estimator.parameters.values()])
+        believed.append(estimator.covariance)
+    seen, told = np.cov(np.array(found).T), np.mean(believed, axis=0)
+    for i in (1, 2):
+        assert told[i, i] > 0.7 * seen[i, i]
+    correlation = seen[1, 2] / np.sqrt(seen[1, 1] * seen[2, 2])
+    assert told[1, 2] / np.sqrt(told[1, 1] * told[2, 2]) == pytest.approx(correlation, abs=0.35)

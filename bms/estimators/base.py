@@ -250,8 +250,8 @@ class KernelEstimator:
             raise BatteryError(f"{n} currents and {voltage.size} voltages; a sample has one of each")
         if every < 1:
             raise BatteryError(f"every must be 1 or more, got {every}")
-        times, steps = _times_and_steps(time_s, step_s, n)
-        self._check_steps(steps)
+        times, steps = _times_and_steps(time_s, step_s, n, every)
+        self._check_steps(steps[:1] if time_s is None and np.ndim(step_s) == 0 else steps)
         temperature = _spread("temperature_C", np.nan if temperature_C is None else temperature_C, n)
         rows = np.empty((-(-n // every), self._row.size))
         size = CHUNK - CHUNK % every if every < CHUNK else every
@@ -261,7 +261,7 @@ class KernelEstimator:
             self._call(current[part], voltage[part], steps[part], temperature[part], every, kept)
             if progress is not None:
                 progress(part.stop)
-        return self._trace(times[::every], rows)
+        return self._trace(times, rows)
 
     def _call(
         self,
@@ -299,7 +299,7 @@ class KernelEstimator:
         values = rows[:, LEADING : LEADING + len(self._names)].T
         deviations = rows[:, LEADING + len(self._names) :].T
         return Trace(
-            time_s=time_s.copy(),
+            time_s=time_s,
             soc=rows[:, 0].copy(),
             variance=rows[:, 1].copy(),
             residual_V=rows[:, 2].copy(),
@@ -328,11 +328,14 @@ def _spread(name: str, values: ArrayLike, n: int) -> Array:
     return _own(np.broadcast_to(array, (n,)))
 
 
-def _times_and_steps(time_s: ArrayLike | None, step_s: ArrayLike, n: int) -> tuple[Array, Array]:
-    if time_s is None:
-        steps = _spread("step_s", step_s, n)
-        return np.concatenate([[0.0], np.cumsum(steps[1:])]), steps
-    times = _column("time_s", time_s)
-    if times.size != n:
-        raise BatteryError(f"{times.size} times for {n} samples")
-    return times, np.diff(times, prepend=times[0])
+def _times_and_steps(time_s: ArrayLike | None, step_s: ArrayLike, n: int, every: int) -> tuple[Array, Array]:
+    """Times of the samples that are kept, and the step before every sample."""
+    if time_s is not None:
+        times = _column("time_s", time_s)
+        if times.size != n:
+            raise BatteryError(f"{times.size} times for {n} samples")
+        return times[::every].copy(), np.diff(times, prepend=times[0])
+    steps = _spread("step_s", step_s, n)
+    if np.ndim(step_s) == 0:
+        return np.arange(0, n, every) * float(steps[0]), steps
+    return np.concatenate([[0.0], np.cumsum(steps[1:])])[::every].copy(), steps

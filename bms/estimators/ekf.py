@@ -17,9 +17,9 @@ from typing import ClassVar, final
 from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.estimators import _ekf
-from bms.estimators.base import Kernel, KernelEstimator
-from bms.estimators.gate import Sensors, gate_for
-from bms.estimators.joint import JointOptions, names_of, places_of, settings_of, start_of
+from bms.estimators.base import Kernel
+from bms.estimators.gate import Sensors
+from bms.estimators.joint import JointEstimator, JointOptions, places_of, settings_of, start_of
 
 
 class EkfOptions(JointOptions):
@@ -27,7 +27,7 @@ class EkfOptions(JointOptions):
 
 
 @final
-class Ekf(KernelEstimator):
+class Ekf(JointEstimator):
     """Extended Kalman filter.
 
     Parameters
@@ -54,11 +54,5 @@ class Ekf(KernelEstimator):
     ) -> None:
         chosen, sensed = options or EkfOptions(), sensors or Sensors()
         places = places_of(cell, chosen)
-        super().__init__(
-            cell,
-            gate_for(cell, sensed),
-            settings_of(cell, chosen, sensed, places),
-            start_of(cell, belief, chosen, places),
-            names_of(places),
-            belief,
-        )
+        joint = settings_of(cell, chosen, sensed, places)
+        super().__init__(cell, belief, sensed, joint, joint, start_of(cell, belief, chosen, places))

@@ -38,9 +38,9 @@ from pydantic import Field
 from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.estimators import _chaos, _gpc_ekf, _joint, _watch
-from bms.estimators.base import Kernel, KernelEstimator
-from bms.estimators.gate import Sensors, gate_for
-from bms.estimators.joint import JointOptions, names_of, places_of, settings_of, start_of
+from bms.estimators.base import Kernel
+from bms.estimators.gate import Sensors
+from bms.estimators.joint import JointEstimator, JointOptions, places_of, settings_of, start_of
 from gpc.basis import Legendre
 from gpc.collocation import Collocation, collocate, quadrature
 from gpc.index_set import total_order
@@ -62,7 +62,7 @@ class GpcEkfOptions(JointOptions):
 
 
 @final
-class GpcEkf(KernelEstimator):
+class GpcEkf(JointEstimator):
     """Kalman filter on chaos coefficients.
 
     Parameters
@@ -99,14 +99,12 @@ class GpcEkf(KernelEstimator):
         chaos = np.zeros((self.collocation.indices.shape[0], places.size))
         _chaos.regerm(places, beside[_watch.END :].reshape(-1, places.size), chaos, germs)
         memory = np.concatenate([beside, chaos.ravel()])
-        super().__init__(cell, gate_for(cell, sensed), settings, memory, names_of(places), belief)
+        super().__init__(cell, belief, sensed, joint, settings, memory, chaos.shape[0])
 
     @property
     def coefficients(self) -> Array:
         """Chaos coefficients, shape (terms, states): SOC, relaxation, hysteresis, bias, log factors."""
-        terms = self.collocation.indices.shape[0]
-        size = self._settings.joint.places.size
-        return self._memory[-terms * size :].reshape(terms, size).copy()
+        return self._beliefs()[1].copy()
 
 
 def germs_of(places: _joint.Places) -> NDArray[np.int64]:

@@ -46,7 +46,7 @@ with hysteresis, which hides where on the curve the cell stands).
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,9 +56,10 @@ from bms._ecm import parameters_at
 from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.circuit import tabulate
-from bms.estimators import _gate, _joint, _watch
+from bms.estimators import _gate, _joint, _report, _watch
 from bms.estimators._joint import Noise, Places, Settings
 from bms.estimators._watch import Watch
+from bms.estimators.base import KernelEstimator
 from bms.estimators.gate import Sensors, gate_for
 
 Array = NDArray[np.float64]
@@ -231,3 +232,58 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
             m[_joint.DRIFT, at] = drift**2 / day
             m[_joint.LOWER, at], m[_joint.UPPER, at] = lower, upper
     return memory
+
+
+class JointEstimator(KernelEstimator):
+    """Base of the Kalman-type estimators: what they report of their memory.
+
+    Parameters
+    ----------
+    cell : Cell
+        Nominal cell.
+    belief : SocBelief
+        Belief at the start.
+    sensors : Sensors
+        The sensors.
+    joint : Settings
+        Settings that the filters share.
+    settings : NamedTuple
+        Settings of the kernel, which hold those.
+    memory : ndarray
+        Memory from `start_of`, and what a filter keeps behind it.
+    terms : int
+        Rows of chaos coefficients at the end of the memory.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        belief: SocBelief,
+        sensors: Sensors,
+        joint: Settings,
+        settings: Any,
+        memory: Array,
+        terms: int = 0,
+    ) -> None:
+        self._joint, self._terms = joint, terms
+        super().__init__(cell, gate_for(cell, sensors), settings, memory, names_of(joint.places), belief)
+        error_V2 = float(memory[_watch.ERROR_V2])
+        m, chaos = self._beliefs()
+        _report.report(joint.places, m, chaos, joint.nominal, error_V2, self._row)
+
+    def _beliefs(self) -> tuple[Array, Array]:
+        """Views of the belief's rows and of the chaos coefficients."""
+        n = self._joint.places.size
+        rows = self._memory[_watch.END :].reshape(-1, n)
+        count = _joint.rows_of(n)
+        return rows[:count], rows[count : count + self._terms]
+
+    def _correlation(self) -> Array:
+        """Correlation of the parameters; that of their logarithms is the same to first order."""
+        n, first = self._joint.places.size, self._joint.places.moving
+        m, chaos = self._beliefs()
+        top = _joint.MOVED + n
+        covariance = m[top : top + n] + self._memory[_watch.ERROR_V2] * m[top + n : top + 2 * n]
+        covariance = (covariance + chaos[1:].T @ chaos[1:])[first:, first:]
+        sd = np.sqrt(np.diag(covariance))
+        return np.asarray(covariance / np.outer(sd, sd))

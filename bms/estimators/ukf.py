@@ -33,9 +33,9 @@ from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.errors import BatteryError
 from bms.estimators import _ukf
-from bms.estimators.base import Kernel, KernelEstimator
-from bms.estimators.gate import Sensors, gate_for
-from bms.estimators.joint import JointOptions, names_of, places_of, settings_of, start_of
+from bms.estimators.base import Kernel
+from bms.estimators.gate import Sensors
+from bms.estimators.joint import JointEstimator, JointOptions, places_of, settings_of, start_of
 
 
 class UkfOptions(JointOptions):
@@ -47,7 +47,7 @@ class UkfOptions(JointOptions):
 
 
 @final
-class Ukf(KernelEstimator):
+class Ukf(JointEstimator):
     """Unscented Kalman filter.
 
     Parameters
@@ -80,14 +80,9 @@ class Ukf(KernelEstimator):
         chosen, sensed = options or UkfOptions(), sensors or Sensors()
         places = places_of(cell, chosen)
         joint = settings_of(cell, chosen, sensed, places)
-        super().__init__(
-            cell,
-            gate_for(cell, sensed),
-            _ukf.UkfSettings(joint, sigma_weights(places.size, chosen.alpha, chosen.beta, chosen.kappa)),
-            start_of(cell, belief, chosen, places),
-            names_of(places),
-            belief,
-        )
+        sigma = sigma_weights(places.size, chosen.alpha, chosen.beta, chosen.kappa)
+        memory = start_of(cell, belief, chosen, places)
+        super().__init__(cell, belief, sensed, joint, _ukf.UkfSettings(joint, sigma), memory)
 
 
 def sigma_weights(size: int, alpha: float, beta: float, kappa: float | None) -> _ukf.Sigma:
