@@ -1,8 +1,8 @@
 """SOC estimators, one file each.
 
-Those that a battery-management system runs take current, voltage and temperature (`bms.estimators.base`) and
-are made by name with `bms.estimators.catalogue.make_estimator`. [L]'s postulated one takes a SOC. A closed loop
-speaks to both through `Estimator`.
+Those that a battery-management system runs take current, voltage and temperature (`bms.estimators.base`)
+and are made by name with `bms.estimators.catalogue.make_estimator`. [L]'s postulated one takes a SOC. A
+closed loop speaks to both through `Estimator`.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bms._ecm import Circuit
 from bms.estimators import _gate
-from bms.estimators._gate import Gate, screen
+from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._reset import read_rest
 
 Array = NDArray[np.float64]
@@ -67,7 +67,9 @@ def run(
     g, x = memory[: _gate.SIZE], memory[_gate.SIZE :]
     pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
     for k in range(current_A.size):
-        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        if seen.flags == _gate.UNUSUAL:
+            seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags = seen.flags
         x[SOC] += seen.drive_A * seen.step_s * per_C
         x[SINCE_RESET_S] += seen.step_s

@@ -12,7 +12,7 @@ from bms._ecm import Circuit, ocv_and_slope, ocv_at, parameters_at
 from bms.estimators import _gate, _watch
 from bms.estimators._absorb import notice, take_occasion, take_voltage
 from bms.estimators._ekf_plain import run_plain
-from bms.estimators._gate import Gate, screen
+from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._joint import (
     SLOPE,
     STATE,
@@ -111,7 +111,9 @@ def run_joint(
     celsius = g[_gate.TEMPERATURE_C]
     ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
     for k in range(current_A.size):
-        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        if seen.flags == _gate.UNUSUAL:
+            seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, step = seen.flags, seen.step_s
         if step > 0.0:
             if varies:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bms._ecm import Circuit, ocv_and_slope, ocv_at
 from bms.estimators import _gate, _watch
 from bms.estimators._absorb import notice, refuse, take_occasion
-from bms.estimators._gate import Gate, screen
+from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._joint import (
     DRIFT,
     FAST,
@@ -151,7 +151,9 @@ def run_plain(
     weight, hold, by_time, spread = 0.0, 0.0, 0.0, g[_watch.SPREAD]
     pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
     for k in range(current_A.size):
-        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        if seen.flags == _gate.UNUSUAL:
+            seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, step = seen.flags, seen.step_s
         if step != last_step:
             keep = math.exp(-step / tau1)

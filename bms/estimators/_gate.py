@@ -36,6 +36,8 @@ MISMATCH = 128
 LIMIT = 256
 REST = 512
 FULL = 1024
+UNUSUAL = -1
+"""Not an ordinary sample: `judge` is to be asked; the memory is untouched."""
 
 STUCK_SAMPLES = 10
 STUCK_JUMPS = 3
@@ -86,11 +88,14 @@ class Screened(NamedTuple):
     flags: int
 
 
-@njit(cache=True, nogil=True, inline="always")
-def screen(
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def glance(
     gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, temperature_C: float
 ) -> Screened:
-    """Judge a sample and remember what the next one is judged by.
+    """Take an ordinary sample as `screen` would; of another, say so and touch nothing.
+
+    A kernel calls this and, where the flags are UNUSUAL, `judge`: inlined together, numba counts
+    references to the memory at every sample, which takes as long as the rest.
 
     Parameters
     ----------
@@ -102,7 +107,7 @@ def screen(
         The sample; the step since the previous one is taken as 0 at the first.
     """
     # After an ordinary sample, an ordinary one is told from all others here; NaN fails each comparison.
-    if (
+    ordinary = (
         g[CALM] == 1.0
         and gate.rest_A < abs(current_A) <= gate.current_limit_A
         and gate.voltage_low_V <= voltage_V <= gate.voltage_high_V
@@ -111,15 +116,28 @@ def screen(
         and voltage_V != g[RAW_V]
         and current_A != g[RAW_A]
         and math.isnan(temperature_C)
-    ):
-        drive = current_A if gate.looks_back else g[LAST_A]
+    )
+    drive = current_A if gate.looks_back else g[LAST_A]
+    if ordinary:
         g[RAW_V], g[RAW_A], g[LAST_A] = voltage_V, current_A, current_A
         _remember_current(gate, g, current_A, step_s)
-        return Screened(drive, current_A, 0.0, 0.0, True, g[TEMPERATURE_C], step_s, 0)
-    return _judge(gate, g, current_A, voltage_V, step_s, temperature_C)
+    flags = 0 if ordinary else UNUSUAL
+    # The last use of the memory is in no branch, and nothing was called: else numba counts references to it.
+    return Screened(drive, current_A, 0.0, 0.0, True, g[TEMPERATURE_C], step_s, flags)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
+def screen(
+    gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, temperature_C: float
+) -> Screened:
+    """Judge a sample and remember what the next one is judged by; arguments as for `glance`."""
+    seen = glance(gate, g, current_A, voltage_V, step_s, temperature_C)
+    if seen.flags == UNUSUAL:
+        seen = judge(gate, g, current_A, voltage_V, step_s, temperature_C)
+    return seen
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _remember_current(gate: Gate, g: Array, current_A: float, step_s: float) -> None:
     """Move the recent mean and mean square."""
     weight = min(step_s * gate.per_memory, 1.0)
@@ -127,8 +145,8 @@ def _remember_current(gate: Gate, g: Array, current_A: float, step_s: float) -> 
     g[SQUARE_A2] += weight * (current_A * current_A - g[SQUARE_A2])
 
 
-@njit(cache=True, nogil=True)
-def _judge(
+@njit(cache=True, nogil=True, error_model="numpy")
+def judge(
     gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, temperature_C: float
 ) -> Screened:
     """Look at a sample from every side."""
@@ -168,13 +186,13 @@ def _judge(
     return Screened(drive, now, doubt, added, not bad_voltage, g[TEMPERATURE_C], step, flags)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def is_temperature(temperature_C: float) -> bool:
     """Whether a battery can have this temperature; NaN is none."""
     return COLDEST_C <= temperature_C <= HOTTEST_C
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _range_flags(gate: Gate, current_A: float, voltage_V: float) -> int:
     flags = 0
     if not math.isfinite(current_A):
@@ -188,7 +206,7 @@ def _range_flags(gate: Gate, current_A: float, voltage_V: float) -> int:
     return flags
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _stuck(
     gate: Gate, g: Array, current_A: float, voltage_V: float, step_s: float, flags: int, first: bool
 ) -> tuple[bool, bool]:
@@ -223,7 +241,7 @@ def _stuck(
     return both or (repeats_current and g[JUMPS] >= STUCK_JUMPS), both or stuck_voltage
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _occasion(
     gate: Gate,
     g: Array,

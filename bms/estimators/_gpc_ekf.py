@@ -22,7 +22,7 @@ from bms.estimators._chaos import (
     to_nodes,
 )
 from bms.estimators._ekf import expect
-from bms.estimators._gate import Gate, screen
+from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._joint import (
     STATE,
     WIDE_VARIANCE,
@@ -101,7 +101,9 @@ def run(
     celsius = g[_gate.TEMPERATURE_C]
     ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
     for k in range(current_A.size):
-        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        if seen.flags == _gate.UNUSUAL:
+            seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, step = seen.flags, seen.step_s
         if step > 0.0:
             to_nodes(matrix, chaos, nodes)

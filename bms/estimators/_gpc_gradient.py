@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bms._ecm import Circuit, move_hysteresis, move_temperature, ocv_and_slope, parameters_at
 from bms.estimators import _gate
-from bms.estimators._gate import Gate, is_temperature, screen
+from bms.estimators._gate import Gate, glance, is_temperature, judge
 from bms.estimators._gpc_form import (
     ALPHA,
     BETA,
@@ -103,7 +103,7 @@ def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: A
     return flags if inside == charge else _gate.LIMIT
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _information(
     parameters: int,
     sd: Array,
@@ -139,7 +139,7 @@ def _normal(information: Array, n: int, noise_V2s: float, hessian: Array) -> boo
     return factorise(hessian, n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _noise_V2s(noise_V2: float, x: Array, b: Array, c: Array, image: Array, slow_s: float) -> float:
     """Intensity of the output error: white noise, and what the residuals show beyond it as a slow error.
 
@@ -154,7 +154,7 @@ def _noise_V2s(noise_V2: float, x: Array, b: Array, c: Array, image: Array, slow
     return float(noise_V2 * x[WEIGHT_S] / x[COUNT] + slow_s * excess)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _report_soc(
     n: int,
     sd: Array,
@@ -189,7 +189,7 @@ def _report_soc(
     row[1] = min(max(variance, 0.0), 1.0 / 12.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _report_parameter(
     n: int,
     sd: Array,
@@ -310,7 +310,7 @@ class Room(NamedTuple):
     hessian: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _look(settings: Settings, room: Room) -> None:
     """Fill c, M c + b, the gradient and the information at the present parameters."""
     parameters = settings.parameters
@@ -515,7 +515,9 @@ def run(
     if not varies:
         hysteresis_V = table[0, 0, 5]
     for k in range(current_A.size):
-        seen = screen(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
+        if seen.flags == _gate.UNUSUAL:
+            seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, drive, now, dt = seen.flags, seen.drive_A, seen.now_A, seen.step_s
         alpha = theta[ALPHA]
         if heat_capacity > 0.0 and dt > 0.0 and not is_temperature(temperature_C[k]):

@@ -250,15 +250,17 @@ class KernelEstimator:
             raise BatteryError(f"{n} currents and {voltage.size} voltages; a sample has one of each")
         if every < 1:
             raise BatteryError(f"every must be 1 or more, got {every}")
-        times, steps = _times_and_steps(time_s, step_s, n, every)
-        self._check_steps(steps[:1] if time_s is None and np.ndim(step_s) == 0 else steps)
-        temperature = _spread("temperature_C", np.nan if temperature_C is None else temperature_C, n)
-        rows = np.empty((-(-n // every), self._row.size))
         size = CHUNK - CHUNK % every if every < CHUNK else every
+        times, steps = _times_and_steps(time_s, step_s, n, every, size)
+        self._check_steps(steps)
+        temperature = _spread("temperature_C", np.nan if temperature_C is None else temperature_C, n, size)
+        rows = np.empty((-(-n // every), self._row.size))
         for start in range(0, n, size):
             part = slice(start, min(start + size, n))
             kept = rows[start // every : -(-part.stop // every)]
-            self._call(current[part], voltage[part], steps[part], temperature[part], every, kept)
+            self._call(
+                current[part], voltage[part], _of(part, steps, n), _of(part, temperature, n), every, kept
+            )
             if progress is not None:
                 progress(part.stop)
         return self._trace(times, rows)
@@ -321,21 +323,31 @@ def _column(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def _spread(name: str, values: ArrayLike, n: int) -> Array:
+def _spread(name: str, values: ArrayLike, n: int, size: int) -> Array:
+    """Make one value for each sample; of a single value only as many as are used at once."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim > 1 or array.size not in (1, n):
         raise BatteryError(f"{name} has the shape {array.shape} for {n} samples; give one value or {n}")
-    return _own(np.broadcast_to(array, (n,)))
+    if array.size == n:
+        return _own(np.atleast_1d(array))
+    return np.full(min(n, size), float(array.reshape(-1)[0]))
 
 
-def _times_and_steps(time_s: ArrayLike | None, step_s: ArrayLike, n: int, every: int) -> tuple[Array, Array]:
+def _of(part: slice, values: Array, n: int) -> Array:
+    """The values of a part of the samples, from an array made by `_spread`."""
+    return values[part] if values.size == n else values[: part.stop - part.start]
+
+
+def _times_and_steps(
+    time_s: ArrayLike | None, step_s: ArrayLike, n: int, every: int, size: int
+) -> tuple[Array, Array]:
     """Times of the samples that are kept, and the step before every sample."""
     if time_s is not None:
         times = _column("time_s", time_s)
         if times.size != n:
             raise BatteryError(f"{times.size} times for {n} samples")
         return times[::every].copy(), np.diff(times, prepend=times[0])
-    steps = _spread("step_s", step_s, n)
+    steps = _spread("step_s", step_s, n, size)
     if np.ndim(step_s) == 0:
-        return np.arange(0, n, every) * float(steps[0]), steps
+        return np.arange(0.0, n, every) * float(steps[0]), steps
     return np.concatenate([[0.0], np.cumsum(steps[1:])])[::every].copy(), steps

@@ -43,7 +43,7 @@ class Sensors(BaseModel):
         default=None,
         ge=-60.0,
         le=100.0,
-        description="surroundings where the cell's temperature is not measured, deg C; its reference by default",
+        description="surroundings where no temperature is measured, deg C; the cell's reference by default",
     )
     holds: str = Field(
         default="from",
