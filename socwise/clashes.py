@@ -62,10 +62,7 @@ def name_clashes() -> list[Clash]:
     list of Clash
         In the order of `PACKAGES`. An editable or a doubly listed installation of socwise itself is no clash.
     """
-    with warnings.catch_warnings():
-        # Python 3.12 and later warn of an installation without a name, which could not be removed anyway.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        claims = metadata.packages_distributions()
+    claims = _claims()
     recorded = _recorded_hashes()
     found: list[Clash] = []
     for package in PACKAGES:
@@ -78,6 +75,27 @@ def name_clashes() -> list[Clash]:
             if fault is not None:
                 found.append(Clash(package, fault, f"Do this: {_reinstall()}. {_FRESH}"))
     return found
+
+
+def _claims() -> dict[str, list[str]]:
+    """List by whom each of our packages is claimed; an installation without a name claims nothing.
+
+    ``metadata.packages_distributions`` would do, but for an installation without a name some versions of
+    Python warn, and the backport of importlib.metadata, once anything has imported it, raises.
+    """
+    claims: dict[str, list[str]] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        for distribution in metadata.distributions():
+            try:
+                name = distribution.metadata["Name"]
+            except KeyError:
+                continue
+            tops = (distribution.read_text("top_level.txt") or "").split()
+            files = [path.parts[0].removesuffix(".py") for path in distribution.files or []]
+            for package in {*tops, *files} & set(PACKAGES):
+                claims.setdefault(package, []).append(name)
+    return claims
 
 
 _FRESH = "Or use a fresh environment: `python -m venv NEW`, and install socwise alone with the pip of NEW"

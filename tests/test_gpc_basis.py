@@ -146,7 +146,7 @@ def test_slopes_in_closed_form():
         (Jacobi(2.5, 0.3), stats.beta(2.5, 0.3, -1.0, 2.0)),
         (Jacobi(4000.0, 700.0), stats.beta(4000.0, 700.0, -1.0, 2.0)),
     ],
-    ids=repr,
+    ids=["legendre", "hermite", "jacobi-half", "jacobi-skewed", "jacobi-narrow"],
 )
 def test_the_random_variable_is_that_of_the_polynomials(family, frozen):
     x = np.linspace(-1.5, 1.5, 300)
