@@ -49,6 +49,7 @@ heat, doubt about the last current, and what such doubts leave: deviations of bo
 hysteresis; time for which residuals have been far off."""
 
 OUTLIER_SD = 8.0
+STILL_SD = 3.0
 OUTLIER_SAMPLES = 60.0
 RESIDUAL_S = 300.0
 QUICK_S = 100.0
@@ -490,6 +491,7 @@ def run(
     middle, half = settings.sigma_mid_per_s, settings.sigma_half_per_s
     parameters, newton_s, start_s = settings.parameters, settings.newton_every_s, settings.start_after_s
     gain, low, high = settings.gain, settings.low, settings.high
+    still_A = STILL_SD * settings.current_sd_A
     noise_V2, flat2 = settings.noise_V2, settings.flat_slope_V * settings.flat_slope_V
     n = node.size
     with_bias = parameters == THETA
@@ -559,7 +561,8 @@ def run(
             y[j] = keep[j] * y[j] + feed[j] * store * drive
         if r2 > 0.0:
             x[V2] = keep2 * x[V2] + r2 * (1.0 - keep2) * drive
-        if rate > 0.0:
+        # The noise of a sensor at rest would wear hysteresis away.
+        if rate > 0.0 and abs(drive) > still_A:
             x[HYSTERESIS] = move_hysteresis(x[HYSTERESIS], drive * dt * alpha, rate)
         charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
         soc = min(max(alpha * charge, 0.0), 1.0)
