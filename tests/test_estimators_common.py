@@ -195,3 +195,28 @@ def test_the_covariance_covers_that_of_many_seeds():
         assert told[i, i] > 0.7 * seen[i, i]
     correlation = seen[1, 2] / np.sqrt(seen[1, 1] * seen[2, 2])
     assert told[1, 2] / np.sqrt(told[1, 1] * told[2, 2]) == pytest.approx(correlation, abs=0.35)
+
+
+@pytest.mark.parametrize("name", [name for name in estimator_names() if name != "coulomb"])
+def test_a_cell_warms_up_where_its_temperature_is_not_measured(name):
+    """Resistances fall in the heat of the load: known by the thermal node, they leave no residual."""
+    cell = load_cell("a123-26650").with_values(hysteresis=None)
+    current = 7.0 * drive_current_A(7200, seed=3)
+    run = simulate(cell, current, soc=0.5)
+    assert run.temperature_C[-1] > 35.0
+    rng = np.random.default_rng(1)
+    current = current + rng.normal(0.0, 0.01, current.size)
+    voltage = run.voltage_V + rng.normal(0.0, 0.002, current.size)
+    fixed = cell.with_values(thermal=None)
+    if name.startswith("gpc_g"):
+        options = {"soc": 0.5, "soc_sd": 0.02, "start_after_s": 1e9}
+    else:
+        options = {"soc": 0.5, "soc_sd": 0.02, "estimate": ()}
+    left = [
+        np.sqrt(
+            np.nanmean(make_estimator(name, nominal, **options).run(current, voltage).residual_V[-600:] ** 2)
+        )
+        for nominal in (cell, fixed)
+    ]
+    assert left[0] < 0.0025
+    assert left[1] > 5.0 * left[0]

@@ -12,7 +12,7 @@ from bms._ecm import Circuit, ocv_and_slope, ocv_at, parameters_at
 from bms.estimators import _gate, _watch
 from bms.estimators._absorb import notice, take_occasion, take_voltage
 from bms.estimators._ekf_plain import run_plain
-from bms.estimators._gate import Gate, glance, judge
+from bms.estimators._gate import Gate, glance, is_temperature, judge, warm
 from bms.estimators._joint import (
     SLOPE,
     STATE,
@@ -104,6 +104,7 @@ def run_joint(
     guide, knot, cubic, table = circuit.guide, circuit.knot, circuit.cubic, circuit.table
     nodes_C, activation_K, reference_K = circuit.temperature_C, circuit.activation_K, circuit.reference_K
     varies, rate, per_C = circuit.varies, circuit.hysteresis_rate, 1.0 / circuit.capacity_C
+    heat_capacity, thermal_K_per_W = circuit.heat_capacity_J_per_K, circuit.thermal_resistance_K_per_W
     places, noise, watch, nominal = settings.places, settings.noise, settings.watch, settings.nominal
     g, m = memory[: _watch.END], memory[_watch.END :].reshape(-1, places.size)
     top = covariance_row(places)
@@ -114,12 +115,12 @@ def run_joint(
         seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         if seen.flags == _gate.UNUSUAL:
             seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
-        flags, step = seen.flags, seen.step_s
+        flags, step, celsius = seen.flags, seen.step_s, seen.temperature_C
+        if heat_capacity > 0.0 and not is_temperature(temperature_C[k]):
+            celsius = warm(g, gate.ambient_C, heat_capacity, thermal_K_per_W, step)
         if step > 0.0:
             if varies:
-                ohm = parameters_at(
-                    table, nodes_C, activation_K, reference_K, m[STATE, 0], seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
             is_gap = flags & _gate.GAP != 0
             forecast(
                 places, noise, g, m, ohm, seen.drive_A, seen.charge_variance_C2, is_gap, step, per_C, rate
@@ -139,10 +140,8 @@ def run_joint(
                 low, high = ocv_at(guide, knot, cubic, soc - spread), ocv_at(guide, knot, cubic, soc + spread)
                 ocv, over_soc, bent = see_wide(ocv, low, high, 0.5 / spread)
             if varies:
-                ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, seen.temperature_C)
-                over_r, over_h = table_slopes(
-                    table, nodes_C, activation_K, reference_K, soc, seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, celsius)
+                over_r, over_h = table_slopes(table, nodes_C, activation_K, reference_K, soc, celsius)
                 over_soc += over_r * seen.now_A
                 if places.hysteresis >= 0:
                     over_soc += over_h * m[STATE, places.hysteresis]
@@ -151,6 +150,9 @@ def run_joint(
             residual = voltage_V[k] - expected
             flags |= take_voltage(places, noise, watch, g, m, bent, white, residual, step)
             flags |= keep_inside(places, m)
+        if heat_capacity > 0.0:
+            over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])
+            g[_gate.HEAT_W] = seen.now_A * over_V if seen.usable else seen.now_A**2 * ohm[0]
         pending |= flags
         if k == due or k == current_A.size - 1:
             report(places, m, m[:0], nominal, g[_watch.ERROR_V2], row)

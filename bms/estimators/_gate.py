@@ -11,7 +11,8 @@ linearly and its variance with the square:
 
 The same holds over a gap between samples; over a long one the battery is taken to have rested, with the doubt
 of half an hour of use. A temperature that no battery has is passed over, as a missing one is: the last one
-stays. A sample also gives away rest (little current for long enough) and full charge.
+stays, or, where the cell has a thermal node, moves with it. A sample also gives away rest (little current for
+long enough) and full charge.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from bms._ecm import move_temperature
 
 Array = NDArray[np.float64]
 
@@ -47,8 +50,8 @@ SHORTEST_S, LONGEST_S = 1e-6, 1e9
 SEEN, LAST_A, LAST_DOUBT_A, MEAN_A, SQUARE_A2, DOUBT_C = 0, 1, 2, 3, 4, 5
 RAW_V, SAME_V, LOW_A, HIGH_A = 6, 7, 8, 9
 RAW_A, SAME_A, JUMPS = 10, 11, 12
-REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM, LEFT_V = 13, 14, 15, 16, 17, 18, 19
-SIZE = 20
+REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM, LEFT_V, HEAT_W = range(13, 21)
+SIZE = 21
 """Places in the gate's part of an estimator's memory, and how many there are."""
 
 
@@ -184,6 +187,16 @@ def judge(
     calm = flags == 0 and g[SAME_V] + g[SAME_A] + g[JUMPS] + g[REST_S] + g[FULL_S] + g[DOUBT_C] == 0.0
     g[CALM] = 1.0 if calm else 0.0
     return Screened(drive, now, doubt, added, not bad_voltage, g[TEMPERATURE_C], step, flags)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def warm(
+    g: Array, ambient_C: float, heat_capacity_J_per_K: float, thermal_K_per_W: float, step_s: float
+) -> float:
+    """Move the temperature that is not measured by the heat of the sample before."""
+    keep = math.exp(-step_s / (heat_capacity_J_per_K * thermal_K_per_W))
+    g[TEMPERATURE_C] = move_temperature(g[TEMPERATURE_C], g[HEAT_W], ambient_C, thermal_K_per_W, keep)
+    return float(g[TEMPERATURE_C])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -22,7 +22,7 @@ from bms.estimators._chaos import (
     to_nodes,
 )
 from bms.estimators._ekf import expect
-from bms.estimators._gate import Gate, glance, judge
+from bms.estimators._gate import Gate, glance, is_temperature, judge, warm
 from bms.estimators._joint import (
     STATE,
     WIDE_VARIANCE,
@@ -89,6 +89,7 @@ def run(
     guide, knot, cubic, table = circuit.guide, circuit.knot, circuit.cubic, circuit.table
     nodes_C, activation_K, reference_K = circuit.temperature_C, circuit.activation_K, circuit.reference_K
     varies, rate, per_C = circuit.varies, circuit.hysteresis_rate, 1.0 / circuit.capacity_C
+    heat_capacity, thermal_K_per_W = circuit.heat_capacity_J_per_K, circuit.thermal_resistance_K_per_W
     joint, germs, matrix, inverse = settings.joint, settings.germs, settings.matrix, settings.inverse
     places, noise, watch, nominal = joint.places, joint.noise, joint.watch, joint.nominal
     n, terms = places.size, inverse.shape[0]
@@ -104,20 +105,18 @@ def run(
         seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         if seen.flags == _gate.UNUSUAL:
             seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
-        flags, step = seen.flags, seen.step_s
+        flags, step, celsius = seen.flags, seen.step_s, seen.temperature_C
+        if heat_capacity > 0.0 and not is_temperature(temperature_C[k]):
+            celsius = warm(g, gate.ambient_C, heat_capacity, thermal_K_per_W, step)
         if step > 0.0:
             to_nodes(matrix, chaos, nodes)
             for q in range(matrix.shape[0]):
                 if varies:
-                    ohm = parameters_at(
-                        table, nodes_C, activation_K, reference_K, nodes[q, 0], seen.temperature_C
-                    )
+                    ohm = parameters_at(table, nodes_C, activation_K, reference_K, nodes[q, 0], celsius)
                 move(places, nodes, q, ohm, seen.drive_A, step, per_C, rate, noise.still_A)
             from_nodes(inverse, nodes, places.moving, chaos)
             if varies:
-                ohm = parameters_at(
-                    table, nodes_C, activation_K, reference_K, m[STATE, 0], seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
             move_and_linearise(places, m, ohm, seen.drive_A, step, per_C, rate, noise.still_A)
             for i in range(n):
                 m[STATE, i] = chaos[0, i]
@@ -157,17 +156,13 @@ def run(
             to_nodes(matrix, chaos, nodes)
             for q in range(matrix.shape[0]):
                 if varies:
-                    ohm = parameters_at(
-                        table, nodes_C, activation_K, reference_K, nodes[q, 0], seen.temperature_C
-                    )
+                    ohm = parameters_at(table, nodes_C, activation_K, reference_K, nodes[q, 0], celsius)
                 node_ocv = ocv_at(guide, knot, cubic, nodes[q, 0])
                 node_V[q] = voltage_of(places, nodes, q, ohm, node_ocv, seen.now_A)
             project(inverse, node_V, seen_V)
             if varies:
-                ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, seen.temperature_C)
-                over_r, over_h = table_slopes(
-                    table, nodes_C, activation_K, reference_K, soc, seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, celsius)
+                over_r, over_h = table_slopes(table, nodes_C, activation_K, reference_K, soc, celsius)
                 over_soc += over_r * seen.now_A
                 if places.hysteresis >= 0:
                     over_soc += over_h * m[STATE, places.hysteresis]
@@ -184,6 +179,9 @@ def run(
             flags |= judged | keep_inside(places, m)
             for i in range(n):
                 chaos[0, i] = m[STATE, i]
+        if heat_capacity > 0.0:
+            over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])
+            g[_gate.HEAT_W] = seen.now_A * over_V if seen.usable else seen.now_A**2 * ohm[0]
         pending |= flags
         if k == due or k == current_A.size - 1:
             report(places, m, chaos, nominal, g[_watch.ERROR_V2], row)

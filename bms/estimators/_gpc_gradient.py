@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._ecm import Circuit, move_hysteresis, move_temperature, ocv_and_slope, parameters_at
+from bms._ecm import Circuit, move_hysteresis, ocv_and_slope, parameters_at
 from bms.estimators import _gate
-from bms.estimators._gate import Gate, glance, is_temperature, judge
+from bms.estimators._gate import Gate, glance, is_temperature, judge, warm
 from bms.estimators._gpc_form import (
     ALPHA,
     BETA,
@@ -39,13 +39,13 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 X1, V2, HYSTERESIS, CLOCK_S, ON_S, DOUBT_C2 = 0, 1, 2, 3, 4, 5
-WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S, HEAT_W = range(6, 15)
-DOUBT_A, LOST_V, LOST2_V, LOST_H, FAR_S = range(15, 20)
-SCALARS = 20
+WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S = range(6, 14)
+DOUBT_A, LOST_V, LOST2_V, LOST_H, FAR_S = range(14, 19)
+SCALARS = 19
 """Places in the memory behind the gate's: charge since the start, second pair, hysteresis, clock of the
 offset, time since start, variance of x1, sums of weights and of squared voltage, residuals (square, mean),
 weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step,
-heat, doubt about the last current, and what such doubts leave: deviations of both pairs and of the
+doubt about the last current, and what such doubts leave: deviations of both pairs and of the
 hysteresis; time for which residuals have been far off."""
 
 OUTLIER_SD = 8.0
@@ -511,7 +511,7 @@ def run(
     hessian, information = np.zeros((THETA, THETA)), np.zeros((THETA, THETA))
     room = Room(x, theta, m, b, value, slope, c, image, along, gradient, step, unit, information, hessian)
     pending, at, due, last = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1, current_A.size - 1
-    last_step, keep2, keep_warm, forget = -1.0, 0.0, 0.0, 1.0
+    last_step, keep2, forget = -1.0, 0.0, 1.0
     shape, speed, store, hysteresis_V = 1.0, 1.0, 1.0, 0.0
     r2, tau2 = reference[3], reference[4]
     if not varies:
@@ -522,16 +522,13 @@ def run(
             seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, drive, now, dt = seen.flags, seen.drive_A, seen.now_A, seen.step_s
         alpha = theta[ALPHA]
-        if heat_capacity > 0.0 and dt > 0.0 and not is_temperature(temperature_C[k]):
-            if dt != last_step:
-                keep_warm = math.exp(-dt / (heat_capacity * thermal_K_per_W))
-            g[_gate.TEMPERATURE_C] = move_temperature(
-                g[_gate.TEMPERATURE_C], x[HEAT_W], gate.ambient_C, thermal_K_per_W, keep_warm
-            )
+        celsius = seen.temperature_C
+        if heat_capacity > 0.0 and not is_temperature(temperature_C[k]):
+            celsius = warm(g, gate.ambient_C, heat_capacity, thermal_K_per_W, dt)
         if varies:
             soc = alpha * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S])
             r_here, r1_here, tau1_here, r2, tau2, hysteresis_V = parameters_at(
-                table, nodes_C, activation_K, reference_K, soc, g[_gate.TEMPERATURE_C]
+                table, nodes_C, activation_K, reference_K, soc, celsius
             )
             shape = r_here / reference[0]
             if reference[1] > 0.0:
@@ -580,7 +577,7 @@ def run(
         for p in range(width):
             residual_V -= c[p] * z[p]
         usable = seen.usable
-        x[HEAT_W] = now * (voltage_V[k] - ocv_V) if usable else now * now * theta[R]
+        g[_gate.HEAT_W] = now * (voltage_V[k] - ocv_V) if usable else now * now * theta[R]
         if usable and x[ON_S] > start_s:
             square = residual_V * residual_V
             limit = (

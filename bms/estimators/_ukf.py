@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bms._ecm import Circuit, ocv_at, parameters_at
 from bms.estimators import _gate, _watch
 from bms.estimators._absorb import notice, take_occasion, take_voltage
-from bms.estimators._gate import Gate, glance, judge
+from bms.estimators._gate import Gate, glance, is_temperature, judge, warm
 from bms.estimators._joint import (
     SLOPE,
     STATE,
@@ -160,6 +160,7 @@ def run(
     guide, knot, cubic, table = circuit.guide, circuit.knot, circuit.cubic, circuit.table
     nodes_C, activation_K, reference_K = circuit.temperature_C, circuit.activation_K, circuit.reference_K
     varies, rate, per_C = circuit.varies, circuit.hysteresis_rate, 1.0 / circuit.capacity_C
+    heat_capacity, thermal_K_per_W = circuit.heat_capacity_J_per_K, circuit.thermal_resistance_K_per_W
     joint, sigma = settings.joint, settings.sigma
     places, noise, watch, nominal = joint.places, joint.noise, joint.watch, joint.nominal
     n = places.size
@@ -173,20 +174,18 @@ def run(
         seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         if seen.flags == _gate.UNUSUAL:
             seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
-        flags, step = seen.flags, seen.step_s
+        flags, step, celsius = seen.flags, seen.step_s, seen.temperature_C
+        if heat_capacity > 0.0 and not is_temperature(temperature_C[k]):
+            celsius = warm(g, gate.ambient_C, heat_capacity, thermal_K_per_W, step)
         if step > 0.0:
             take_root(n, m, top, 0.0, s)
             spread_points(n, m, sigma.reach, s)
             for q in range(n, 3 * n + 1):
                 if varies:
-                    ohm = parameters_at(
-                        table, nodes_C, activation_K, reference_K, s[q, 0], seen.temperature_C
-                    )
+                    ohm = parameters_at(table, nodes_C, activation_K, reference_K, s[q, 0], celsius)
                 move(places, s, q, ohm, seen.drive_A, step, per_C, rate, noise.still_A)
             if varies:
-                ohm = parameters_at(
-                    table, nodes_C, activation_K, reference_K, m[STATE, 0], seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
             move_and_linearise(places, m, ohm, seen.drive_A, step, per_C, rate, noise.still_A)
             gather(n, m, top, sigma, s)
             carry(places, m, top + n)
@@ -208,19 +207,20 @@ def run(
             for q in range(2 * n + 1):
                 soc = s[n + q, 0]
                 if varies:
-                    ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, seen.temperature_C)
+                    ohm = parameters_at(table, nodes_C, activation_K, reference_K, soc, celsius)
                 ocv = ocv_at(guide, knot, cubic, soc)
                 seen_V[q] = voltage_of(places, s, n + q, ohm, ocv, seen.now_A)
             expected, bent = slopes_from_points(places, m, sigma, s, seen_V)
             if varies:
-                ohm = parameters_at(
-                    table, nodes_C, activation_K, reference_K, m[STATE, 0], seen.temperature_C
-                )
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
             series = ohm[0] * factor(m, STATE, places.resistance)
             white = white_variance(noise, ohm, series, seen.doubt_A, step)
             residual = voltage_V[k] - expected
             flags |= take_voltage(places, noise, watch, g, m, bent, white, residual, step)
             flags |= keep_inside(places, m)
+        if heat_capacity > 0.0:
+            over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])
+            g[_gate.HEAT_W] = seen.now_A * over_V if seen.usable else seen.now_A**2 * ohm[0]
         pending |= flags
         if k == due or k == current_A.size - 1:
             report(places, m, m[:0], nominal, g[_watch.ERROR_V2], row)
