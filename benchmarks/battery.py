@@ -134,7 +134,10 @@ def filter_tasks(log: Log, samples: int, joint: bool) -> list[Task]:
     rivals: dict[str, Callable[..., Array]] = {"NumPy, textbook": plain_filters.numpy_filter}
     if plain_filters.ExtendedKalmanFilter is not None:
         rivals["filterpy, textbook"] = plain_filters.filterpy_filter
-    tasks = [estimator_task("ekf", log, "ekf", shape)]
+    tasks = [
+        estimator_task("ekf", log, "ekf", shape),
+        estimator_task("ekf, model error and watch off", log, "ekf", shape | PLAIN),
+    ]
     for name, rival in rivals.items():
 
         def loop(rival: Callable[..., Array] = rival) -> Array:
