@@ -118,8 +118,8 @@ def test_the_reports_estimator_and_its_equations_agree(log):
 
 @pytest.mark.parametrize("joint", [False, True])
 def test_the_filter_is_that_of_the_textbook_with_model_error_and_watch_off(log, joint):
-    ours, *rivals = filter_tasks(log, 300, joint)
-    assert len(ours.run().parameters) == (3 if joint else 0)
+    ours, plain, *rivals = filter_tasks(log, 300, joint)
+    assert len(ours.run().parameters) == len(plain.run().parameters) == (3 if joint else 0)
     assert [task.units for task in rivals] == [300] * len(rivals)
     assert rivals != []
 
