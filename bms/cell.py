@@ -90,6 +90,9 @@ class Cell(BaseModel):
     name: str = Field(description="short name, used in tables")
     source: str = Field(description="where the figures come from")
     capacity_Ah: float = Field(gt=0.0, description="nominal capacity, Ah")
+    series: int = Field(
+        default=1, ge=1, description="cells in series that this one stands for; errors in volt grow with it"
+    )
     soc: Table = Field(description="SOC nodes of the tables, from 0 to 1")
     ocv_V: Table = Field(description="open-circuit voltage at the nodes, V")
     resistance_ohm: Quantity = Field(description="series resistance, ohm")
@@ -234,6 +237,7 @@ class Cell(BaseModel):
         if data["thermal"] is not None:
             data["thermal"]["heat_capacity_J_per_K"] *= series * parallel
             data["thermal"]["resistance_K_per_W"] /= series * parallel
+        data["series"] = self.series * series
         data["name"] = f"{self.name} {series}s{parallel}p"
         return Cell(**data)
 

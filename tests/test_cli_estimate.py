@@ -234,7 +234,7 @@ def test_a_pack_is_a_cell_of_many(capsys, folder, samples):
         (["--estimator", "ekf,EKF"], ["'ekf' twice"]),
         (["--estimator", "ekf,"], ["empty item"]),
         (["--soc0", "60"], ["60", "fraction, not per cent"]),
-        (["--soc0-sd", "-1"], ["0 or more"]),
+        (["--soc0-sd", "-1"], ["between 0 and 1"]),
         (["--voltage-sd", "0"], ["voltage_sd_V"]),
         (["--option", "joint"], ["--option is 'joint'", "KEY=VALUE"]),
         (["--option", "ukf.joint=true"], ["'ukf'", "--estimator does not name"]),

@@ -149,6 +149,8 @@ class Dense:
         w = self.own @ h + self.shared
         unit = h @ w + h @ self.shared + 1.0
         noise = 4e-6 + (self.cell.resistance_ohm * math.exp(self.x[5]) * 0.01) ** 2 + 0.25 * self.error * 61.0
+        # The table of the OCV is off by 0.3 % along the SOC, for ten minutes at a time.
+        noise += 601.0 * (0.003 * h[0]) ** 2
         total = h @ self.p @ h + self.error * unit + noise
         gain = (self.p @ h + self.error * w) / total
         gain[0] = max(gain[0], min((self.p @ h)[0] / total, 0.0))
@@ -188,7 +190,7 @@ def test_the_joint_filter_is_its_dense_twin():
         assert name == EVERYTHING[at]
         assert estimate.value == pytest.approx(nominal[at] * math.exp(twin.x[4 + at]), rel=1e-6)
         assert estimate.sd == pytest.approx(estimate.value * math.sqrt(total[4 + at, 4 + at]), rel=1e-5)
-    assert belief.variance > 2.0 * twin.p[0, 0]
+    assert belief.variance > 1.1 * twin.p[0, 0]
 
 
 class Unscented:

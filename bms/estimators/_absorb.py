@@ -36,6 +36,10 @@ IntArray = NDArray[np.int64]
 WAS_FULL, WAS_RESTING = 1, 2
 FAR = 16.0
 """Square of the distance in standard deviations beyond which a full charge or a rest overrules the belief."""
+CURVE_SOC = 0.003
+"""Error of the OCV curve along the SOC: where it is steep, a table is off by many millivolts between nodes.
+
+Left out where the user says that the model has no error at all."""
 LOST_V = 0.02
 """Standard deviation of the relaxation voltages when a belief is given up."""
 
@@ -85,6 +89,8 @@ def take_voltage(
     """
     plain, unit = weigh(places, m, 1.0)
     error = g[_watch.ERROR_V2]
+    if watch.error_V2 > 0.0:
+        bent_V2 += CURVE_SOC * CURVE_SOC * m[SLOPE, 0] * m[SLOPE, 0]
     white = white_V2 + added_noise(g[_watch.EXCESS_V2], white_V2)
     held = plain + bent_V2 + error * unit
     noise_V2 = white + bent_V2 * lasting(step_s, noise.bend_s)

@@ -13,13 +13,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bms.estimators import _watch
-from bms.estimators._absorb import refuse, watch_innovation
+from bms.estimators._absorb import CURVE_SOC, refuse, watch_innovation
 from bms.estimators._joint import (
     ERRED,
     FAST,
     FAST_S,
     GAIN,
     SEEN,
+    SLOPE,
     STATE,
     Noise,
     Places,
@@ -150,6 +151,8 @@ def take_voltage_chaos(
     n, terms = places.size, voltage.size
     plain, unit = weigh(places, m, 1.0)
     error = g[_watch.ERROR_V2]
+    if watch.error_V2 > 0.0:
+        bent_V2 += CURVE_SOC * CURVE_SOC * m[SLOPE, 0] * m[SLOPE, 0]
     white = white_V2 + added_noise(g[_watch.EXCESS_V2], white_V2)
     spread = 0.0
     for term in range(1, terms):

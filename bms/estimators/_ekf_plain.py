@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bms._ecm import Circuit, ocv_and_slope, ocv_at
 from bms.estimators import _gate, _watch
-from bms.estimators._absorb import notice, refuse, take_occasion
+from bms.estimators._absorb import CURVE_SOC, notice, refuse, take_occasion
 from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._joint import (
     DRIFT,
@@ -196,6 +196,8 @@ def run_plain(
             if spread > 0.0:
                 low, high = ocv_at(guide, knot, cubic, soc - spread), ocv_at(guide, knot, cubic, soc + spread)
                 ocv, slope, bent = see_wide(ocv, low, high, 0.5 / spread)
+            if watch.error_V2 > 0.0:
+                bent += CURVE_SOC * CURVE_SOC * slope * slope
             residual = voltage_V[k] - (ocv + v + r * seen.now_A)
             seen0, seen1 = slope * p00 + p01, slope * p01 + p11
             erred0, erred1 = slope * o00 + o01 + s0, slope * o01 + o11 + s1

@@ -90,8 +90,14 @@ class Settings(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: Array) -> int:
-    """Keep the parameters within their bounds and the SOC within [0, 1]; LIMIT when they were beyond."""
+def _hold_in_bounds(
+    low: Array, high: Array, parameters: int, x: Array, theta: Array, alpha_before: float, bias_before: float
+) -> int:
+    """Keep the parameters within their bounds and the SOC within [0, 1]; LIMIT when they were beyond.
+
+    At the end of the SOC a voltage says nothing of capacity and offset: what it cannot change in the charge
+    it would push into them, sample after sample, so they stay as they were.
+    """
     flags = 0
     for p in range(parameters):
         if p != X10 and not low[p] <= theta[p] <= high[p]:
@@ -100,8 +106,13 @@ def _hold_in_bounds(low: Array, high: Array, parameters: int, x: Array, theta: A
             flags = flags if p == XI else _gate.LIMIT
     charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
     inside = min(max(charge, 0.0), 1.0 / theta[ALPHA])
+    clamped = inside != charge
+    if clamped:
+        theta[ALPHA], theta[BIAS] = alpha_before, bias_before
+        charge = theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S]
+        inside = min(max(charge, 0.0), 1.0 / alpha_before)
     theta[X10] += inside - charge
-    return flags if inside == charge else _gate.LIMIT
+    return _gate.LIMIT if clamped else flags
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -521,7 +532,7 @@ def run(
         if seen.flags == _gate.UNUSUAL:
             seen = judge(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
         flags, drive, now, dt = seen.flags, seen.drive_A, seen.now_A, seen.step_s
-        alpha = theta[ALPHA]
+        alpha, bias = theta[ALPHA], theta[BIAS]
         celsius = seen.temperature_C
         if heat_capacity > 0.0 and not is_temperature(temperature_C[k]):
             celsius = warm(g, gate.ambient_C, heat_capacity, thermal_K_per_W, dt)
@@ -634,7 +645,10 @@ def run(
                     _step_newton(settings, room, guide, knot, cubic, ocv_V + residual_V, usable)
                 if x[FAR_S] > GIVE_UP_S:
                     _start_anew(settings, room)
-            flags |= _hold_in_bounds(low, high, parameters, x, theta)
+            bounds_alpha, bounds_bias = theta[ALPHA], theta[BIAS]
+            if newton_s == 0.0:
+                bounds_alpha, bounds_bias = alpha, bias
+            flags |= _hold_in_bounds(low, high, parameters, x, theta, bounds_alpha, bounds_bias)
         occasion = flags & (_gate.REST | _gate.FULL)
         arrived = occasion & ~int(x[OCCASION])
         x[OCCASION] = occasion

@@ -313,7 +313,8 @@ class KernelEstimator:
 
 def _own(values: ArrayLike) -> Array:
     """Make the array one that a kernel was compiled for: numba compiles anew for read-only arrays."""
-    return np.require(np.asarray(values, dtype=np.float64), requirements=["C", "W"])
+    plain = np.ma.filled(values, np.nan) if isinstance(values, np.ma.MaskedArray) else values
+    return np.require(np.asarray(plain, dtype=np.float64), requirements=["C", "W"])
 
 
 def _column(name: str, values: ArrayLike) -> Array:

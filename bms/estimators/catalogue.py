@@ -64,8 +64,8 @@ def make_estimator(
         near = difflib.get_close_matches(key, _WHERE, n=1)
         hint = f", did you mean {near[0]!r}?" if near else ""
         raise BatteryError(f"no estimator is called {name!r}{hint}; known are {', '.join(_WHERE)}")
-    if not soc_sd >= 0.0:
-        raise BatteryError(f"the standard deviation of the SOC must be 0 or more, got {soc_sd!r}")
+    if not 0.0 <= soc_sd <= 1.0:
+        raise BatteryError(f"the standard deviation of the SOC is {soc_sd!r}; give one between 0 and 1")
     belief = SocBelief(soc, soc_sd**2)
     module, estimator, model = _WHERE[key]
     found = import_module(module)
@@ -74,5 +74,11 @@ def make_estimator(
         chosen = options_model(**options)
     except ValidationError as error:
         raise complaint(error, options_model, f"the options of {key} do not fit") from error
-    made: KernelEstimator = getattr(found, estimator)(cell, belief, chosen, sensors)
+    try:
+        made: KernelEstimator = getattr(found, estimator)(cell, belief, chosen, sensors)
+    except OverflowError as error:
+        raise BatteryError(
+            f"a value of the cell, its sensors or the options of {key} is too large to reckon with;"
+            " check the units"
+        ) from error
     return made

@@ -74,7 +74,7 @@ class Coulomb(KernelEstimator):
             bias_sd_A=chosen.bias_sd_A,
             capacity_share=chosen.capacity_share,
             full_sd=chosen.full_sd,
-            rest_doubt_V=chosen.rest_doubt_V + hysteresis_V,
+            rest_doubt_V=cell.series * chosen.rest_doubt_V + hysteresis_V,
             resets_at_rest=chosen.resets_at_rest,
             resets_at_full=chosen.resets_at_full,
         )

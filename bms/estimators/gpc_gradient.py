@@ -110,9 +110,14 @@ class InitialGuess(BaseModel):
 class GpcGradientOptions(BaseModel):
     """Options of the recursive gPC estimators."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, protected_namespaces=())
 
-    terms: int = Field(default=3, ge=1, le=8, description="terms N of the expansion; 1 is no expansion")
+    terms: int | None = Field(
+        default=None,
+        ge=1,
+        le=8,
+        description="terms N of the expansion; 1 is none; by default 3, and 5 for Gauss-Newton",
+    )
     forgetting: float = Field(default=0.99999, gt=0.0, le=1.0, description="lambda, per second")
     sigma_per_s: tuple[float, float] | None = Field(
         default=None, description="bounds of 1 / (R_r C_r), 1/s; 0.6 to 1.8 times the nominal by default"
@@ -136,7 +141,9 @@ class GpcGradientOptions(BaseModel):
         default=7200.0, ge=0.0, description="correlation time of what residuals show beyond noise, s"
     )
     model_error_V: float = Field(
-        default=0.001, ge=0.0, description="slow error of the model that residuals need not show, V"
+        default=0.001,
+        ge=0.0,
+        description="slow error of the model, per cell in series, that residuals need not show, V",
     )
     full_sd: float = Field(default=0.01, ge=0.0, description="error of the SOC at full charge")
     rest_doubt_V: float = Field(default=0.005, gt=0.0, description="error of the OCV curve and the rest, V")
@@ -155,6 +162,7 @@ class _GpcLeastSquares(KernelEstimator):
 
     kernel: ClassVar[Kernel] = staticmethod(_gpc_gradient.run)
     newton: ClassVar[bool]
+    usual_terms: ClassVar[int]
 
     def __init__(
         self,
@@ -165,11 +173,14 @@ class _GpcLeastSquares(KernelEstimator):
     ) -> None:
         chosen, sensed = options or GpcGradientOptions(), sensors or Sensors()
         reference = _reference(cell)
+        if chosen.terms is None:
+            chosen = chosen.model_copy(update={"terms": self.usual_terms})
+        terms = chosen.terms or self.usual_terms
         settings = _settings(cell, belief, chosen, sensed, reference, self.newton)
-        width = chosen.terms + (4 if chosen.current_bias else 3)
+        width = terms + (4 if chosen.current_bias else 3)
         own = np.zeros(_gpc_gradient.SCALARS)
         memory = np.concatenate(
-            [np.zeros(_gate.SIZE), own, settings.start, np.zeros(chosen.terms + width + width * width)]
+            [np.zeros(_gate.SIZE), own, settings.start, np.zeros(terms + width + width * width)]
         )
         memory[_gate.TEMPERATURE_C] = cell.reference_temperature_C
         names = (*PARAMETERS, "current_bias_A") if chosen.current_bias else PARAMETERS
@@ -250,6 +261,7 @@ class GpcGradient(_GpcLeastSquares):
 
     name: ClassVar[str] = "gpc_gradient"
     newton: ClassVar[bool] = False
+    usual_terms: ClassVar[int] = 3
 
 
 @final
@@ -258,6 +270,7 @@ class GpcGaussNewton(_GpcLeastSquares):
 
     name: ClassVar[str] = "gpc_gauss_newton"
     newton: ClassVar[bool] = True
+    usual_terms: ClassVar[int] = 5
 
 
 def _reference(cell: Cell) -> Array:
@@ -303,7 +316,7 @@ def _settings(
     prior = np.array(
         [share * start[0], ohm_share * ohm, ohm_share * start[2], 1.0, soc_sd * capacity_C, chosen.bias_sd_A]
     )
-    node, _ = Legendre().gauss(chosen.terms)
+    node, _ = Legendre().gauss(chosen.terms or 3)
     apart = node[:, None] - node[None, :] + np.eye(node.size)
     return _gpc_gradient.Settings(
         node=node,
@@ -320,15 +333,15 @@ def _settings(
         log_forgetting_per_s=float(np.log(chosen.forgetting)),
         start_after_s=chosen.start_after_s,
         noise_V2=sensed.voltage_sd_V**2 + (ohm * sensed.current_sd_A) ** 2,
-        model_error_V2=chosen.model_error_V**2,
+        model_error_V2=(cell.series * chosen.model_error_V) ** 2,
         current_sd_A=sensed.current_sd_A,
         correlation_s=chosen.correlation_s,
-        flat_slope_V=chosen.flat_slope_V,
+        flat_slope_V=cell.series * chosen.flat_slope_V,
         reference=reference,
         parameters=6 if chosen.current_bias else 5,
         newton_every_s=chosen.every_s if newton else 0.0,
         full_sd=chosen.full_sd,
-        rest_doubt_V=chosen.rest_doubt_V,
+        rest_doubt_V=cell.series * chosen.rest_doubt_V,
         resets_at_rest=chosen.resets_at_rest,
         resets_at_full=chosen.resets_at_full,
     )

@@ -80,7 +80,7 @@ MOST_CAPACITY, MOST_OHM = math.log(2.0), math.log(5.0)
 class JointOptions(BaseModel):
     """Options that `ekf`, `ukf` and `gpc_ekf` share."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, protected_namespaces=())
 
     estimate: tuple[Name, ...] = Field(
         default=("capacity_Ah", "resistance_ohm", "relaxation_resistance_ohm"),
@@ -148,8 +148,8 @@ def settings_of(cell: Cell, options: JointOptions, sensors: Sensors, places: Pla
         error_per_soc=1.0 / options.model_error_soc,
         limit_A=gate_for(cell, sensors).current_limit_A,
         full_variance=options.full_sd**2,
-        rest_V=math.hypot(options.rest_doubt_V, hysteresis_V),
-        flat_V=options.flat_slope_V,
+        rest_V=math.hypot(cell.series * options.rest_doubt_V, hysteresis_V),
+        flat_V=cell.series * options.flat_slope_V,
         bend_s=BEND_WITH_S if cell.hysteresis else BEND_WITHOUT_S,
         still_A=3.0 * sensors.current_sd_A,
         resets_at_rest=options.resets_at_rest,
@@ -157,7 +157,7 @@ def settings_of(cell: Cell, options: JointOptions, sensors: Sensors, places: Pla
     )
     watch = Watch(
         error_V2=model_error_of(cell, options) ** 2,
-        most_V2=max(LARGEST_ERROR_V, 3.0 * model_error_of(cell, options)) ** 2,
+        most_V2=max(cell.series * LARGEST_ERROR_V, 3.0 * model_error_of(cell, options)) ** 2,
         outlier=options.outlier_sigmas**2,
         active=options.watches,
         seen_V2=(0.5 * sensors.voltage_sd_V) ** 2,
@@ -169,8 +169,8 @@ def settings_of(cell: Cell, options: JointOptions, sensors: Sensors, places: Pla
 def model_error_of(cell: Cell, options: JointOptions) -> float:
     """Slow error of the modelled voltage; most of it is hysteresis where the cell's model has none."""
     if options.model_error_V is not None:
-        return options.model_error_V
-    return ERROR_WITH_V if cell.hysteresis else ERROR_WITHOUT_V
+        return cell.series * options.model_error_V
+    return cell.series * (ERROR_WITH_V if cell.hysteresis else ERROR_WITHOUT_V)
 
 
 def names_of(places: Places) -> tuple[str, ...]:
@@ -218,8 +218,8 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
     relaxes, day = bool(cell.relaxation), DAY_S
     for at, sd, drift, lower, upper in (
         (0, math.sqrt(belief.variance), options.soc_drift, 0.0, 1.0),
-        (1, options.relaxation_start_V if relaxes else 0.0, 0.0, -math.inf, math.inf),
-        (places.v2, options.relaxation_start_V, 0.0, -math.inf, math.inf),
+        (1, cell.series * options.relaxation_start_V if relaxes else 0.0, 0.0, -math.inf, math.inf),
+        (places.v2, cell.series * options.relaxation_start_V, 0.0, -math.inf, math.inf),
         (places.hysteresis, options.hysteresis_start, 0.0, -1.0, 1.0),
         (places.bias, options.current_bias_sd_A, options.current_bias_drift_A, -math.inf, math.inf),
         (places.capacity, options.capacity_sd, options.capacity_drift, -MOST_CAPACITY, MOST_CAPACITY),

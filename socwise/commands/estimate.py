@@ -110,7 +110,7 @@ def estimate(
     check_cell(log, chosen)
     if start_after:
         log = log.after(start_after)
-    sensors = _sensors(log, current_sd, voltage_sd, holds)
+    sensors = _sensors(log, current_sd, voltage_sd, holds, chosen.series)
     estimators = _make(names, options, chosen, soc0, soc0_sd, sensors)
     for doubt in log.doubts:
         complain(f"warning: {doubt}")
@@ -148,7 +148,9 @@ def _scaled(cell: Cell, series: int, parallel: int) -> Cell:
     return cell if series == parallel == 1 else cell.scaled(series, parallel)
 
 
-def _sensors(log: LoggedData, current_sd: float | None, voltage_sd: float | None, holds: str) -> Sensors:
+def _sensors(
+    log: LoggedData, current_sd: float | None, voltage_sd: float | None, holds: str, series: int = 1
+) -> Sensors:
     from pydantic import ValidationError
 
     from bms.estimators.gate import Sensors
@@ -164,6 +166,8 @@ def _sensors(log: LoggedData, current_sd: float | None, voltage_sd: float | None
     # What is a gap in a log of one sample a second is the usual step in one of a sample in five minutes.
     usual = Sensors.model_fields["gap_s"].default
     given["gap_s"] = max(usual, GAP_RATIO * log.step_s)
+    # A sensor for a hundred cells has a hundred times the range, and its noise goes with the range.
+    given.setdefault("voltage_sd_V", series * Sensors.model_fields["voltage_sd_V"].default)
     try:
         return Sensors(**given)
     except ValidationError as error:
