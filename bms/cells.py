@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from bms.cell import Cell
-from bms.errors import BatteryError
+from bms.errors import BatteryError, BatteryWarning
 from bms.table_csv import read_columns
 from bms.toml_file import complaint, find_file, preset_names, read_toml
 
@@ -16,6 +18,9 @@ PRESETS = Path(__file__).parent / "presets" / "cells"
 
 OCV_FORMS = ("table", "polynomial")
 """Ways to read the table of the OCV: as it is, or by [M]'s polynomial of 6th order over 10 to 90 % SOC."""
+
+LEAST_FULL = 0.98
+"""A full charge that leaves less than this is doubted."""
 
 REQUIRED = ("soc", "ocv_V", "resistance_ohm")
 RELAXATION = tuple(
@@ -69,7 +74,27 @@ def parse_cell(data: dict[str, Any], path: Path) -> Cell:
         cell = Cell(**content)
     except ValidationError as error:
         raise complaint(error, Cell, f"{path} does not describe a battery cell", ("tables", "ocv")) from error
+    _doubt_full_charge(cell, path)
     return _with_polynomial(cell) if form == "polynomial" else cell
+
+
+def _doubt_full_charge(cell: Cell, path: Path) -> None:
+    """Warn of a full charge that the cell's own curve and resistances do not call full."""
+    if cell.full_charge_voltage_V is None or cell.full_charge_current_A is None:
+        return
+    ohms = [cell.resistance_ohm, *(pair.resistance_ohm for pair in cell.relaxation)]
+    drop_V = cell.full_charge_current_A * sum(float(np.max(ohm)) for ohm in ohms)
+    if cell.hysteresis is not None:
+        drop_V += float(np.max(cell.hysteresis.voltage_V))
+    soc = float(np.interp(cell.full_charge_voltage_V - drop_V, cell.ocv_V, cell.soc))
+    if soc < LEAST_FULL:
+        warnings.warn(
+            f"{path}: a charge that ends at {cell.full_charge_voltage_V:g} V and"
+            f" {cell.full_charge_current_A:g} A leaves this cell at {100.0 * soc:.1f} % by its own OCV, but"
+            " is taken for full; check full_charge_voltage_V, full_charge_current_A or the OCV near 1",
+            BatteryWarning,
+            stacklevel=3,
+        )
 
 
 def _with_polynomial(cell: Cell) -> Cell:

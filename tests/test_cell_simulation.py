@@ -255,3 +255,12 @@ def test_a_cell_can_ask_for_the_reports_polynomial(tmp_path):
     (tmp_path / "c.toml").write_text('ocv = "spline"\n' + preset, encoding="utf-8")
     with pytest.raises(BatteryError, match="table, polynomial"):
         load_cell(tmp_path / "c.toml")
+
+
+def test_a_full_charge_that_leaves_the_cell_short_is_doubted(tmp_path):
+    preset = (PRESETS / "nmc-lgm50.toml").read_text(encoding="utf-8")
+    short = preset.replace("full_charge_voltage_V = 4.19", "full_charge_voltage_V = 4.1")
+    assert short != preset
+    (tmp_path / "c.toml").write_text(short, encoding="utf-8")
+    with pytest.warns(BatteryWarning, match="taken for full"):
+        load_cell(tmp_path / "c.toml")

@@ -95,6 +95,8 @@ def test_unknown_estimators_get_a_suggestion():
     with pytest.raises(BatteryError, match="did you mean 'gpc_gradient'"):
         make_estimator("gpc-gradent", load_cell("lfp-2ah"))
     assert make_estimator("gpc-gradient", load_cell("lfp-2ah")).name == "gpc_gradient"
+    with pytest.raises(BatteryError, match="load_cell"):
+        make_estimator("ekf", "lfp-2ah")
     with pytest.raises(BatteryError, match="standard deviation of the SOC"):
         make_estimator("coulomb", load_cell("lfp-2ah"), soc_sd=-0.1)
 

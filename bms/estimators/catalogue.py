@@ -64,6 +64,8 @@ def make_estimator(
         near = difflib.get_close_matches(key, _WHERE, n=1)
         hint = f", did you mean {near[0]!r}?" if near else ""
         raise BatteryError(f"no estimator is called {name!r}{hint}; known are {', '.join(_WHERE)}")
+    if not isinstance(cell, Cell):
+        raise BatteryError(f"the cell is {cell!r}; give a Cell, such as bms.cells.load_cell({cell!r})")
     if not 0.0 <= soc_sd <= 1.0:
         raise BatteryError(f"the standard deviation of the SOC is {soc_sd!r}; give one between 0 and 1")
     belief = SocBelief(soc, soc_sd**2)

@@ -22,8 +22,8 @@ class Sensors(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    current_sd_A: float = Field(default=0.01, ge=0.0, description="noise of the current, A")
-    voltage_sd_V: float = Field(default=0.002, gt=0.0, description="noise of the voltage, V")
+    current_sd_A: float = Field(default=0.01, ge=0.0, le=1e4, description="noise of the current, A")
+    voltage_sd_V: float = Field(default=0.002, gt=0.0, le=1e3, description="noise of the voltage, V")
     current_limit_A: float | None = Field(
         default=None, gt=0.0, description="largest believable current, A; 1.5 times the cell's by default"
     )

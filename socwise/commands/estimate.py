@@ -58,13 +58,14 @@ def estimate(
         Literal["from", "until"],
         typer.Option(help="A current flows from its sample to the next, or until it since the last."),
     ] = "from",
-    series: Annotated[int, typer.Option(metavar="N", min=1, help="Cells in series.")] = 1,
-    parallel: Annotated[int, typer.Option(metavar="N", min=1, help="Cells in parallel.")] = 1,
+    series: Annotated[int, typer.Option(metavar="N", min=1, max=100_000, help="Cells in series.")] = 1,
+    parallel: Annotated[int, typer.Option(metavar="N", min=1, max=100_000, help="Cells in parallel.")] = 1,
     current_sd: Annotated[
         float | None, typer.Option(metavar="A", help="Noise of the current.", show_default="0.01")
     ] = None,
     voltage_sd: Annotated[
-        float | None, typer.Option(metavar="V", help="Noise of the voltage.", show_default="0.002")
+        float | None,
+        typer.Option(metavar="V", help="Noise of the voltage.", show_default="0.002 a cell"),
     ] = None,
     option: Annotated[
         list[str] | None,
