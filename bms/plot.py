@@ -29,7 +29,7 @@ def plot_ocv(pack: Pack, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         SOC in per cent, voltage in V.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     soc = np.linspace(0.0, 1.0, _POINTS)
     (line,) = ax.plot(100.0 * soc, pack.ocv(soc), label=pack.name)
     ax.plot(100.0 * pack.ocv.soc, pack.ocv.voltage_V, ".", markersize=3, color=line.get_color())
@@ -53,7 +53,7 @@ def plot_alpha(pack: Pack, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         SOC in per cent, alpha without unit.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     soc = np.linspace(0.0, 1.0, _POINTS)
     ax.plot(100.0 * soc, pack.ocv.alpha(soc), label=pack.name)
     ax.set(xlabel="SOC [%]", ylabel="alpha [-]", xlim=(0.0, 100.0), ylim=(0.0, 1.05))
@@ -61,7 +61,8 @@ def plot_alpha(pack: Pack, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _new_axes() -> Axes:
+def new_axes() -> Axes:
+    """Make axes in a figure of their own, which no window shows."""
     from matplotlib.figure import Figure
 
     return Figure(layout="constrained").subplots()

@@ -11,6 +11,7 @@ from bms.identify import Identification
 from bms.ocv import OcvCurve
 from bms.ocv_fit import OcvFit
 from bms.ocv_polynomial import OcvPolynomial
+from bms.plot import new_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +36,7 @@ def plot_polynomial(curve: OcvCurve, polynomial: OcvPolynomial, ax: Axes | None 
     matplotlib.axes.Axes
         SOC in per cent, voltage in V.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     soc = np.linspace(polynomial.low, polynomial.high, _POINTS)
     ax.plot(100.0 * soc, curve(soc), label="table")
     ax.plot(
@@ -64,7 +65,7 @@ def plot_branches(fit: OcvFit, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         SOC in per cent, voltage in V.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     for sign, label in ((1.0, "charge"), (-1.0, "discharge")):
         ax.plot(100.0 * fit.soc, fit.ocv_V + sign * fit.hysteresis_V, linewidth=1.0, label=label)
     ax.plot(100.0 * fit.soc, fit.ocv_V, color="black", label="open-circuit voltage")
@@ -92,7 +93,7 @@ def plot_pulse(
     matplotlib.axes.Axes
         Time in s, voltage in V; the title says how far the two are apart.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     ax.plot(time_s, voltage_V, ".", markersize=3, label="measured")
     ax.plot(time_s, found.voltage_V, label="model")
     ax.set(
@@ -102,9 +103,3 @@ def plot_pulse(
     )
     ax.legend(loc="best")
     return ax
-
-
-def _new_axes() -> Axes:
-    from matplotlib.figure import Figure
-
-    return Figure(layout="constrained").subplots()

@@ -9,6 +9,7 @@ import numpy as np
 from bms.ageing import AgeingHistory
 from bms.degradation import DegradationMap
 from bms.errors import BatteryError
+from bms.plot import new_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ def plot_degradation_map(
     height = PERCENT_PER_DAY * rates[list(_QUANTITIES).index(quantity)]
     current = known.current_A / capacity_Ah if capacity_Ah else known.current_A
     x, y = np.meshgrid(current, 100.0 * known.soc, indexing="ij")
-    axes: Any = ax or _new_axes(projection="3d")
+    axes: Any = ax or _solid_axes()
     if axes.name == "3d":
         axes.plot_surface(x, y, height, cmap="viridis", edgecolor="none")
         axes.set_zlabel(label)
@@ -94,7 +95,7 @@ def plot_ageing(history: AgeingHistory, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         Time in days, capacity and resistance in per cent of their initial values.
     """
-    ax = ax or _new_axes()
+    ax = ax or new_axes()
     days = history.time_s / 86400.0
     ax.plot(days, 100.0 * history.capacity_factor, label="capacity")
     if np.any(history.resistance_factor != 1.0):
@@ -106,7 +107,7 @@ def plot_ageing(history: AgeingHistory, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _new_axes(**options: str) -> Any:
+def _solid_axes() -> Any:
     from matplotlib.figure import Figure
 
-    return Figure(layout="constrained").add_subplot(**options)
+    return Figure(layout="constrained").add_subplot(projection="3d")

@@ -69,7 +69,7 @@ from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.circuit import tabulate
 from bms.errors import BatteryError
-from bms.estimators import _gate, _gpc_form, _gpc_gradient
+from bms.estimators import _gate, _gpc_belief, _gpc_form, _gpc_gradient
 from bms.estimators.base import LEADING, Kernel, KernelEstimator
 from bms.estimators.gate import Sensors, gate_for
 from gpc.basis import Legendre
@@ -178,7 +178,7 @@ class _GpcLeastSquares(KernelEstimator):
         terms = chosen.terms or self.usual_terms
         settings = _settings(cell, belief, chosen, sensed, reference, self.newton)
         width = terms + (4 if chosen.current_bias else 3)
-        own = np.zeros(_gpc_gradient.SCALARS)
+        own = np.zeros(_gpc_belief.SCALARS)
         memory = np.concatenate(
             [np.zeros(_gate.SIZE), own, settings.start, np.zeros(terms + width + width * width)]
         )
@@ -189,12 +189,12 @@ class _GpcLeastSquares(KernelEstimator):
 
     def _correlation(self) -> Array:
         """Correlation of the parameters as least squares with the prior sees it, shape (m, m)."""
-        settings: _gpc_gradient.Settings = self._settings
+        settings: _gpc_belief.Settings = self._settings
         n, nodes = settings.parameters, settings.node.size
         width = nodes + (3 if n < _gpc_form.THETA else 4)
         at = _gate.SIZE
-        x = self._memory[at : at + _gpc_gradient.SCALARS]
-        theta = self._memory[at + _gpc_gradient.SCALARS :][: _gpc_form.THETA]
+        x = self._memory[at : at + _gpc_belief.SCALARS]
+        theta = self._memory[at + _gpc_belief.SCALARS :][: _gpc_form.THETA]
         lower = self._memory[-width * width :].reshape(width, width)
         m = np.tril(lower) + np.tril(lower, -1).T
         value, slope = np.empty(nodes), np.empty(nodes)
@@ -204,8 +204,8 @@ class _GpcLeastSquares(KernelEstimator):
         for p in range(n):
             _gpc_form.push_forward(theta, value, slope, np.eye(_gpc_form.THETA)[p], with_bias, rows[p])
         scaled = rows.T * settings.prior_sd[:n]
-        count = x[_gpc_gradient.COUNT]
-        noise_V2s = settings.noise_V2 * (x[_gpc_gradient.WEIGHT_S] / count if count > 0.0 else 1.0)
+        count = x[_gpc_belief.COUNT]
+        noise_V2s = settings.noise_V2 * (x[_gpc_belief.WEIGHT_S] / count if count > 0.0 else 1.0)
         posterior = np.linalg.inv(scaled.T @ m @ scaled / noise_V2s + np.eye(n))
         told = self._told(theta) * settings.prior_sd[:n]
         covariance = told @ posterior @ told.T
@@ -214,7 +214,7 @@ class _GpcLeastSquares(KernelEstimator):
 
     def _told(self, theta: Array) -> Array:
         """Derivative of the reported parameters by theta, up to the factors on each, shape (m, n)."""
-        settings: _gpc_gradient.Settings = self._settings
+        settings: _gpc_belief.Settings = self._settings
         sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[_gpc_form.XI]
         told = np.zeros((len(self._names), settings.parameters))
         told[0, _gpc_form.ALPHA] = -1.0 / theta[_gpc_form.ALPHA] ** 2
@@ -226,7 +226,7 @@ class _GpcLeastSquares(KernelEstimator):
             told[4, _gpc_form.BIAS] = 1.0
         return told
 
-    def _describe(self, settings: _gpc_gradient.Settings) -> None:
+    def _describe(self, settings: _gpc_belief.Settings) -> None:
         """Fill the row with what is believed before any sample."""
         theta, sd = settings.start, settings.prior_sd
         sigma = settings.sigma_mid_per_s + settings.sigma_half_per_s * theta[_gpc_form.XI]
@@ -294,7 +294,7 @@ def _reference(cell: Cell) -> Array:
 
 def _settings(
     cell: Cell, belief: SocBelief, chosen: GpcGradientOptions, sensed: Sensors, reference: Array, newton: bool
-) -> _gpc_gradient.Settings:
+) -> _gpc_belief.Settings:
     guess = chosen.initial
     capacity_C = 3600.0 * (guess.capacity_Ah or cell.capacity_Ah)
     ohm = guess.resistance_ohm or float(reference[0])
@@ -318,7 +318,7 @@ def _settings(
     )
     node, _ = Legendre().gauss(chosen.terms or 3)
     apart = node[:, None] - node[None, :] + np.eye(node.size)
-    return _gpc_gradient.Settings(
+    return _gpc_belief.Settings(
         node=node,
         barycentric=1.0 / np.prod(apart, axis=1),
         low=np.array([0.4, 0.05, 0.05, 0.0, 0.0, 0.0]) * start
