@@ -153,7 +153,7 @@ def simulate(
         Length of each step and temperature of the surroundings; one value holds throughout.
     voltage_V : ndarray, shape (n,)
         Filled with the terminal voltage at the start of each step.
-    track : ndarray, shape (n, 5), (n, 1) or (0, 0)
+    track : ndarray, shape (5, n), (1, n) or (0, 0)
         Filled with the states (or the SOC alone) at the start of each step.
     """
     guide, knot, cubic, table, nodes_C = (
@@ -168,7 +168,7 @@ def simulate(
     heat_capacity, thermal_resistance = circuit.heat_capacity_J_per_K, circuit.thermal_resistance_K_per_W
     capacity_C = circuit.capacity_C * factors[0]
     soc, v1, v2, h, temperature_C = state[0], state[1], state[2], state[3], state[4]
-    columns = track.shape[1] if track.shape[0] else 0
+    tracked = track.shape[0]
     last_step = -1.0
     r, r1, tau1, r2, tau2, hysteresis_V = parameters_at(
         table, nodes_C, activation_K, reference_K, soc, temperature_C
@@ -176,6 +176,7 @@ def simulate(
     r, r1, r2 = r * factors[1], r1 * factors[2], r2 * factors[2]
     tau1, tau2 = tau1 * factors[3], tau2 * factors[3]
     e1, e2, keep, moved = 0.0, 0.0, 0.0, 0.0
+    here = 0
     for k in range(current_A.size):
         current = current_A[k]
         step = step_s[min(k, step_s.size - 1)]
@@ -195,11 +196,17 @@ def simulate(
                 keep = math.exp(-step / (heat_capacity * thermal_resistance))
             last_step = step
         over_V = h * hysteresis_V + v1 + v2 + r * current
-        voltage_V[k] = ocv_at(guide, knot, cubic, soc) + over_V
-        if columns > 0:
-            track[k, 0] = soc
-            if columns > 1:
-                track[k, 1], track[k, 2], track[k, 3], track[k, 4] = v1, v2, h, temperature_C
+        inside = min(max(soc, 0.0), 1.0)
+        # That a SOC is still in its segment, the processor foresees.
+        if not knot[here] <= inside < knot[here + 1]:
+            here = find_segment(guide, knot, inside)
+        x = inside - knot[here]
+        ocv_V = ((cubic[here, 0] * x + cubic[here, 1]) * x + cubic[here, 2]) * x + cubic[here, 3]
+        voltage_V[k] = ocv_V + over_V
+        if tracked > 0:
+            track[0, k] = soc
+            if tracked > 1:
+                track[1, k], track[2, k], track[3, k], track[4, k] = v1, v2, h, temperature_C
         if heat_capacity > 0.0:
             temperature_C = move_temperature(
                 temperature_C, current * over_V, around_C, thermal_resistance, keep
@@ -231,5 +238,5 @@ def simulate_members(
     nothing = np.empty((0, 0))
     for i in range(factors.shape[0]):
         row = current_A[min(i, current_A.shape[0] - 1)]
-        kept = track[i].reshape(row.size, 1) if track.shape[0] else nothing
+        kept = track[i : i + 1] if track.shape[0] else nothing
         simulate(circuit, factors[i], state[i], row, step_s, ambient_C, voltage_V[i], kept)

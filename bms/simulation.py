@@ -122,17 +122,21 @@ def simulate(
     if cell.thermal is None:
         values[4] = float(ambient[0])
     voltage_V = np.empty(current.size)
-    track = np.empty((current.size, 5))
+    track = np.empty((5, current.size))
     _ecm.simulate(tabulate(cell), np.ones(4), values, current, steps, ambient, voltage_V, track)
-    lengths = np.broadcast_to(steps, current.shape)
+    time_s = np.arange(current.size, dtype=np.float64)
+    if steps.size == 1:
+        time_s *= steps[0]
+    else:
+        time_s[1:] = np.cumsum(steps[:-1])
     return Simulation(
-        time_s=np.concatenate([[0.0], np.cumsum(lengths[:-1])]),
+        time_s=time_s,
         current_A=current,
         voltage_V=voltage_V,
-        soc=track[:, 0].copy(),
-        relaxation_V=track[:, 1:3].copy(),
-        hysteresis=track[:, 3].copy(),
-        temperature_C=track[:, 4].copy(),
+        soc=track[0],
+        relaxation_V=track[1:3].T,
+        hysteresis=track[3],
+        temperature_C=track[4],
         final=CellState.from_array(values),
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._ecm import Circuit, ocv_and_slope, ocv_at
+from bms._ecm import Circuit, find_segment
 from bms.estimators import _gate, _watch
 from bms.estimators._absorb import CURVE_SOC, notice, refuse, take_occasion
 from bms.estimators._gate import Gate, glance, judge
@@ -149,6 +149,7 @@ def run_plain(
     last_step, keep, keep2, driven, driven_V, bends = -1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q00, q01, q11, fast = 0.0, 0.0, 0.0, 0.0
     weight, hold, by_time, spread = 0.0, 0.0, 0.0, g[_watch.SPREAD]
+    here, left, right = 0, 0, 0
     pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
     for k in range(current_A.size):
         seen = glance(gate, g, current_A[k], voltage_V[k], step_s[k], temperature_C[k])
@@ -191,10 +192,22 @@ def run_plain(
         residual = math.nan
         if seen.usable:
             p00, p01, p11, o00, o01, o11, s0, s1 = c
-            ocv, slope = ocv_and_slope(guide, knot, cubic, soc)
+            # That a SOC is still in its segment, the processor foresees; a look-up would come first.
+            if not knot[here] <= soc < knot[here + 1]:
+                here = find_segment(guide, knot, soc)
+            x = soc - knot[here]
+            ocv = ((cubic[here, 0] * x + cubic[here, 1]) * x + cubic[here, 2]) * x + cubic[here, 3]
+            slope = (3.0 * cubic[here, 0] * x + 2.0 * cubic[here, 1]) * x + cubic[here, 2]
             bent, spread = 0.0, spread_of(p00 + error * o00, spread)
             if spread > 0.0:
-                low, high = ocv_at(guide, knot, cubic, soc - spread), ocv_at(guide, knot, cubic, soc + spread)
+                below, above = max(soc - spread, 0.0), min(soc + spread, 1.0)
+                if not knot[left] <= below < knot[left + 1]:
+                    left = find_segment(guide, knot, below)
+                if not knot[right] <= above < knot[right + 1]:
+                    right = find_segment(guide, knot, above)
+                x, y = below - knot[left], above - knot[right]
+                low = ((cubic[left, 0] * x + cubic[left, 1]) * x + cubic[left, 2]) * x + cubic[left, 3]
+                high = ((cubic[right, 0] * y + cubic[right, 1]) * y + cubic[right, 2]) * y + cubic[right, 3]
                 ocv, slope, bent = see_wide(ocv, low, high, 0.5 / spread)
             if watch.error_V2 > 0.0:
                 bent += CURVE_SOC * CURVE_SOC * slope * slope
