@@ -16,12 +16,14 @@ from benchmarks.battery import (
 from benchmarks.battery_log import phev_log
 from benchmarks.cases import Case, certain_case, hev_problem, stochastic_case
 from benchmarks.driving import rollout_tasks, table_tasks
+from benchmarks.fmu import fmu_tasks
 from benchmarks.rivals import CERTAIN, STOCHASTIC, Rival
 from benchmarks.table import Section, build_table
 from benchmarks.timing import Task, interleave
 from ems import GridSettings, Problem
 
 STEPS = 300
+FMU_STEPS = 2134
 ROUNDS = 5
 REALIZATIONS = 50
 SLOW_SAMPLES, DAY, HOUR, MEMBERS = 2000, 86_400, 3600, 1000
@@ -84,6 +86,17 @@ def battery_sections() -> list[Section]:
     ]
 
 
+def fmu_sections() -> list[Section]:
+    """Time the test suite's battery as an FMU."""
+    with fmu_tasks(FMU_STEPS, REALIZATIONS) as (two, three, further, restarts):
+        return [
+            Section("FMU 2.0, co-simulation", "step", interleave(two, ROUNDS)),
+            Section("FMU 3.0, co-simulation", "step", interleave(three, ROUNDS)),
+            Section("FMU 2.0, further", "step", interleave(further, ROUNDS), compared=False),
+            Section("FMU 2.0, a fresh worker", "start", interleave(restarts, ROUNDS), compared=False),
+        ]
+
+
 def main() -> None:
     """Run everything."""
     console = Console()
@@ -94,6 +107,7 @@ def main() -> None:
         solver_section("Certainty-equivalent solve", certain_case(problem), CERTAIN, console),
         *driving_sections(problem),
         *battery_sections(),
+        *fmu_sections(),
     ]
     console.print(build_table(sections, ROUNDS))
 

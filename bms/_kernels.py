@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bms import _ageing, _cycling, _ecm
+from bms import _ageing, _cycling, _ecm, _filter, _levels, _uncertainty_fit
 from bms.estimators import (
     _absorb,
     _chaos,
@@ -21,12 +21,17 @@ from bms.estimators import (
     _ukf,
     _watch,
 )
+from bms.plants import _ecm_plant
 from gpc.kernel_cache import discard_stale
 
 MODULES = (
     _ageing,
     _cycling,
+    _levels,
+    _filter,
+    _uncertainty_fit,
     _ecm,
+    _ecm_plant,
     _small,
     _reset,
     _gate,

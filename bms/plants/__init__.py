@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol
 
 from bms.measurement import Measurement
-from bms.plants.model import ModelPlant
+
+if TYPE_CHECKING:
+    from bms.plants.ecm import EcmPlant
+    from bms.plants.model import ModelPlant
+    from bms.plants.sensed import SensedPlant
+
+_WHERE = {
+    "EcmPlant": "bms.plants.ecm",
+    "ModelPlant": "bms.plants.model",
+    "SensedPlant": "bms.plants.sensed",
+}
 
 
 class Plant(Protocol):
@@ -30,4 +41,11 @@ class Plant(Protocol):
         """
 
 
-__all__ = ["ModelPlant", "Plant"]
+def __getattr__(name: str) -> Any:
+    # On demand: the process that holds somebody else's FMU needs none of these, and no compiler.
+    if name in _WHERE:
+        return getattr(import_module(_WHERE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__all__ = ["EcmPlant", "ModelPlant", "Plant", "SensedPlant"]
