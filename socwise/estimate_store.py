@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,9 @@ def write_estimates(
     result: Mapping[str, Any],
     settings: Mapping[str, Any],
     out: Path,
+    *,
+    also: Callable[[Path], None] | None = None,
+    truth: str = "log",
 ) -> None:
     """Write estimates to a folder, as a whole or not at all.
 
@@ -44,6 +47,10 @@ def write_estimates(
         What was asked for, for the manifest.
     out : Path
         The folder. Earlier estimates in it are replaced once the new ones are complete.
+    also : callable, optional
+        Writes further files into the folder that it is given.
+    truth : str
+        What the figures call the SOC that is taken for true.
 
     Raises
     ------
@@ -55,7 +62,9 @@ def write_estimates(
         write_rows(folder / "summary.csv", result["estimators"], without=(TIMING,))
         for run in runs:
             write_run(run, cell.name, folder / f"{run.name}.nc")
-        write_estimate_figures(runs, nominal_parameters(cell), folder / "figures")
+        write_estimate_figures(runs, nominal_parameters(cell), folder / "figures", truth)
+        if also is not None:
+            also(folder)
         write_json(folder / MANIFEST, _manifest(runs, cell, settings, files_below(folder)))
 
 

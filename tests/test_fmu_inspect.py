@@ -154,6 +154,13 @@ def test_a_tie_is_a_doubt():
     assert [other.name for other in one.alternatives] == ["V2"]
 
 
+def test_the_true_soc_may_be_its_own_start_value():
+    """A state with a start value; its derivative is no SOC."""
+    found = guess(described("I|i|A;V|o|V;SOC|o|1|0.5;der_SOC|l"))
+    assert names(found)["soc"] == names(found)["initial_soc"] == "SOC"
+    assert found.roles["soc"].alternatives == ()
+
+
 def test_names_are_taken_apart():
     assert parts("Batterie.uKlemme_1") == ["Batterie", "u", "Klemme", "1"]
     assert joined(parts("battery.stateOfCharge[2]")) == ["battery", "soc", "2"]

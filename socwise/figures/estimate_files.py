@@ -23,7 +23,7 @@ _STYLE: Any = {"font.size": 9.0, "axes.titlesize": 9.5}
 
 
 def write_estimate_figures(
-    runs: Sequence[EstimateRun], nominal: Mapping[str, float], out: Path
+    runs: Sequence[EstimateRun], nominal: Mapping[str, float], out: Path, truth: str = "log"
 ) -> list[Path]:
     """Draw SOC, parameters and residuals, and write each as PNG (150 dpi).
 
@@ -35,6 +35,8 @@ def write_estimate_figures(
         Nominal parameters of the cell, by name.
     out : Path
         Folder for the files; created if absent.
+    truth : str
+        What the SOC that is taken for true is called.
 
     Returns
     -------
@@ -46,16 +48,18 @@ def write_estimate_figures(
     out.mkdir(parents=True, exist_ok=True)
     written = []
     with matplotlib.rc_context(_STYLE):
-        for name, figure in _figures(runs, nominal):
+        for name, figure in _figures(runs, nominal, truth):
             written.append(out / f"{name}.png")
             figure.savefig(written[-1], dpi=DPI)
     return written
 
 
-def _figures(runs: Sequence[EstimateRun], nominal: Mapping[str, float]) -> Iterator[tuple[str, Figure]]:
+def _figures(
+    runs: Sequence[EstimateRun], nominal: Mapping[str, float], truth: str
+) -> Iterator[tuple[str, Figure]]:
     compared = runs[0].soc_true is not None
     figure, panels = _stack(2 if compared else 1, 3.0)
-    plot_estimated_soc(runs, panels[0])
+    plot_estimated_soc(runs, panels[0], truth)
     if compared:
         plot_soc_error(runs, panels[1])
     yield "soc", _with_legend(figure, panels)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from socwise.estimation import EstimateRun
 
 
-def plot_estimated_soc(runs: Sequence[EstimateRun], ax: Axes | None = None) -> Axes:
+def plot_estimated_soc(runs: Sequence[EstimateRun], ax: Axes | None = None, truth: str = "log") -> Axes:
     """Plot the SOC of every estimator with a band of two standard deviations, and that of the log if there.
 
     Parameters
@@ -31,6 +31,8 @@ def plot_estimated_soc(runs: Sequence[EstimateRun], ax: Axes | None = None) -> A
         At least one, all over the same log.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if not given.
+    truth : str
+        What the SOC that is taken for true is called.
 
     Returns
     -------
@@ -45,8 +47,8 @@ def plot_estimated_soc(runs: Sequence[EstimateRun], ax: Axes | None = None) -> A
         draw_band(ax, time, soc, sd, within=(0.0, PERCENT), color=color, alpha=0.2)
         draw_known(ax, time, soc, color=color, linewidth=0.9, label=f"{estimator_label(run.name)} ± 2 sd")
     if runs[0].soc_true is not None:
-        truth = PERCENT * runs[0].soc_true
-        draw_known(ax, time, truth, color=INK, linewidth=0.9, linestyle=(0, (4, 2)), label="log")
+        true = PERCENT * runs[0].soc_true
+        draw_known(ax, time, true, color=INK, linewidth=0.9, linestyle=(0, (4, 2)), label=truth)
     ax.set(xlabel=f"time [{unit}]", ylabel="SOC [%]", xlim=(time[0], time[-1]))
     return finish(ax)
 

@@ -50,7 +50,11 @@ def guess(description: Description) -> Guess:
         found[role] = _role(role, role, _candidates(description, readable, role), description)
         if found[role].best is not None:
             seen.add(found[role].best.name)  # type: ignore[union-attr]
-    settable = [v for v in numbers if _is_settable(v) and v.name not in seen]
+    soc = found["soc"].best
+    # The true SOC may be a state whose own start value is set.
+    settable = [
+        v for v in numbers if _is_settable(v) and (v.name not in seen or (soc and v.name == soc.name))
+    ]
     found["initial_soc"] = _role("initial_soc", "soc", _starts(description, settable), description)
     parameters = [v for v in numbers if v.causality == "parameter"]
     found["capacity"] = _role(
@@ -115,9 +119,10 @@ def _starts(description: Description, variables: Iterable[Variable]) -> list[Can
         points = score(description, variable, "soc", INITIAL)
         words = joined(parts(variable.name))
         begins = bool(set(words) & INITIAL) or words[-1] == "0"
-        if points.points and (begins or variable.causality == "parameter"):
+        if points.points:
             extra = 3 if begins else 0
-            reasons = (*points.reasons, "it is a start value") if begins else points.reasons
+            named = (*points.reasons, "it is a start value")
+            reasons = named if begins or variable.causality != "parameter" else points.reasons
             found.append(_candidate(variable, Score(points.points + extra, reasons)))
         elif words in (["x", "0"], ["x", "init"]) and quantity_of(description, variable.unit) in (
             None,

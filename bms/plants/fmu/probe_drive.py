@@ -129,7 +129,8 @@ def drive(session: FmuSession, capacity_Ah: float | None) -> Record:
         samples = tuple(move(direction) for _ in range(count))
         phases.append(Phase(before, samples))
         before = samples[-1]
-    return Record(soc, start, *phases, step_s=step_s, amplitude=amplitude)
+    rest, charge, pause, discharge = phases
+    return Record(soc, start, rest, charge, pause, discharge, step_s, amplitude)
 
 
 def _sample(plant: FmuPlant, asked_A: float | None) -> Sample:

@@ -1,11 +1,8 @@
-"""Put what the probe measured into a mapping file, and leave every other line of it as it is."""
+"""Put what the probe measured into the text of a mapping, and leave every other line of it as it is."""
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
-from pathlib import Path
 
 from bms.errors import BatteryError
 from bms.plants.fmu.probe import ProbeReport
@@ -38,25 +35,6 @@ def with_measured(text: str, report: ProbeReport) -> str:
     if report.capacity_Ah is not None and not has_capacity:
         lines = _set(lines, "capacity_Ah", report.capacity_Ah)
     return "\n".join(lines) + "\n"
-
-
-def write_measured(path: Path, report: ProbeReport) -> None:
-    """Rewrite a mapping file with what was measured, see `with_measured`.
-
-    Raises
-    ------
-    BatteryError
-        As `with_measured`, or when the file cannot be written.
-    """
-    text = with_measured(path.read_text(encoding="utf-8"), report)
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(name).chmod(path.stat().st_mode)
-        Path(name).replace(path)
-    except OSError as error:
-        raise BatteryError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _set(lines: list[str], key: str, value: float) -> list[str]:
