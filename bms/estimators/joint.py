@@ -211,6 +211,8 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
     n = places.size
     memory = np.zeros(_watch.END + _joint.rows_of(n) * n)
     memory[_gate.TEMPERATURE_C] = cell.reference_temperature_C
+    memory[_watch.TRUST_S] = _watch.LEAST_TRUST_S
+    memory[_watch.PATIENCE_S] = _watch.LEAST_PATIENCE_S
     memory[_watch.ERROR_V2] = model_error_of(cell, options) ** 2
     m = memory[_watch.END :].reshape(-1, n)
     m[_joint.STATE, 0] = belief.mean
@@ -228,7 +230,7 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
         (places.capacitance, options.relaxation_sd, options.relaxation_drift, -MOST_OHM, MOST_OHM),
     ):
         if at >= 0:
-            m[_joint.MOVED + n + at, at] = sd**2
+            m[_joint.MOVED + n + at, at] = m[_joint.PRIOR, at] = sd**2
             m[_joint.DRIFT, at] = drift**2 / day
             m[_joint.LOWER, at], m[_joint.UPPER, at] = lower, upper
     return memory
