@@ -187,6 +187,7 @@ def refuse(places: Places, watch: Watch, g: Array, m: Array, lost: bool, step_s:
     if not lost and g[_watch.TRUST_S] > 0.0:
         return _gate.OUTLIER
     start_anew(places, watch, g, m)
+    g[_watch.ALARM_S] = max(g[_watch.ALARM_S], _watch.REFUSED_HOLD_S)
     return _gate.OUTLIER | _gate.MISMATCH
 
 
@@ -237,7 +238,7 @@ def suspect(
         added = (doubt * doubt - before * before) * per_C * per_C
         m[top, 0] += min(added, max(MOST_VARIANCE - m[top, 0], 0.0))
     alarm = g[_watch.ALARM_S] + _watch.ALARM_RATE * step_s
-    g[_watch.ALARM_S] = min(alarm, longest_alarm(g[_watch.PATIENCE_S]))
+    g[_watch.ALARM_S] = max(g[_watch.ALARM_S] - step_s, min(alarm, longest_alarm(g[_watch.PATIENCE_S])))
     g[_watch.CALM_S] = 0.0
     g[_watch.MISMATCH_S] += step_s
     if g[_watch.MISMATCH_S] <= g[_watch.PATIENCE_S]:

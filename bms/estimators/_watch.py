@@ -123,6 +123,10 @@ def added_noise(excess_V2: float, white_V2: float) -> float:
     return max(excess_V2 - 0.2 * white_V2, 0.0)
 
 
+REFUSED_HOLD_S = 1200.0
+"""How long MISMATCH stands after a belief was given up against refused voltages, s: they may be what was wrong."""
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def longest_alarm(patience_s: float) -> float:
     """How long MISMATCH stands at most."""
