@@ -459,8 +459,9 @@ def run(
         if flags & (_gate.MISMATCH | _gate.LIMIT) or x[ALARM_S] + x[MISMATCH_S] > 0.0:
             flags |= _suspect(settings, room, flags, theta[R] + reference[1] + r2, dt)
         elif usable and x[ON_S] > start_s:
-            x[EARNED_S] += dt
             x[CALM_S] += dt
+        if usable and x[EARNED_S] < _watch.MOST_TRUST_S and x[ON_S] > start_s:
+            x[EARNED_S] = x[EARNED_S] + dt if x[SLOW_V] * x[SLOW_V] < noise_V2 else 0.0
         occasion = flags & (_gate.REST | _gate.FULL)
         arrived = occasion & ~int(x[OCCASION])
         x[OCCASION] = occasion
