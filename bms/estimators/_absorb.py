@@ -194,7 +194,7 @@ def refuse(places: Places, watch: Watch, g: Array, m: Array, lost: bool, step_s:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def is_suspected(g: Array) -> bool:
     """Whether `suspect` has something to end, though nothing new has been found."""
-    return g[_watch.ALARM_S] > 0.0 or g[_watch.PATIENCE_S] > _watch.LEAST_PATIENCE_S
+    return bool(g[_watch.ALARM_S] > 0.0 or g[_watch.PATIENCE_S] > _watch.LEAST_PATIENCE_S)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

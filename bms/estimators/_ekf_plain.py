@@ -250,9 +250,7 @@ def run_plain(
                     g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S] = slow, error, trust
                     store(m, soc, v, c)
                     flags |= mismatch
-                    flags |= suspect(
-                        places, noise, watch, g, m, mismatch, shown, r + r1, step, per_C
-                    )
+                    flags |= suspect(places, noise, watch, g, m, mismatch, shown, r + r1, step, per_C)
                     soc, v, c = load(m)
                     mean, noisy, excess = g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.EXCESS_V2]
                     slow, error, trust = g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S]

@@ -38,9 +38,9 @@ SCALARS = 25
 offset, time since start, variance of x1, sums of weights and of squared voltage, residuals (square, mean),
 weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step,
 doubt about the last current, and what such doubts leave: deviations of both pairs and of the
-hysteresis; time for which residuals have been far off; time for which they have been small, since
-which a mismatch stands and since which there was none, how long one may stand, for how long it is still flagged,
-and the charge that it puts in doubt."""
+hysteresis; time for which residuals have been far off; time for which they have been small, for which a
+mismatch stands and for which there was none, how long one may stand, how long it is still flagged, and
+the charge that it puts in doubt."""
 
 QUICK_S = 100.0
 """Time for which a residual counts as one where quick changes of the current are looked at."""

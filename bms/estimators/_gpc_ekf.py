@@ -171,7 +171,19 @@ def run(
             white = white_variance(noise, ohm, series, seen.doubt_A, step)
             residual = voltage_V[k] - seen_V[0] - shift
             judged = take_voltage_chaos(
-                places, noise, watch, g, m, chaos, seen_V, bent, white, residual, step, lasting_ohm(ohm), per_C
+                places,
+                noise,
+                watch,
+                g,
+                m,
+                chaos,
+                seen_V,
+                bent,
+                white,
+                residual,
+                step,
+                lasting_ohm(ohm),
+                per_C,
             )
             if judged & _gate.OUTLIER and judged & _gate.MISMATCH:
                 regerm(places, m, chaos, germs)

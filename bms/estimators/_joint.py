@@ -25,9 +25,10 @@ Ohms = tuple[float, float, float, float, float, float]
 STATE, SHARED, SEEN, ERRED, GAIN, SLOPE, DRIFT, LOWER, UPPER = 0, 1, 2, 3, 4, 5, 6, 7, 8
 PRIOR, DRIVEN, MOVED = 9, 10, 11
 """Rows: state; its covariance with the model error; with the innovation, plain and per unit of the model
-error; gain; slopes of the voltage; drift of the variances in a second; bounds; variances before any
-sample; slopes of the moving states over the current; from there on, the moving states' slopes over all states (as many rows as there are
-columns), then the covariance, then the covariance per unit variance of the model error."""
+error; gain; slopes of the voltage; drift of the variances in a second; bounds; variances before any sample;
+slopes of the moving states over the current; from there on, the moving states' slopes over all states (as
+many rows as there are columns), then the covariance, then the covariance per unit variance of the model
+error."""
 
 MOST_VARIANCE = 1.0 / 12.0
 """Nothing is less certain than a SOC that is anywhere between empty and full."""

@@ -27,14 +27,15 @@ PER_HOLD = 1.0 / 43200.0
 PER_EXCESS = 1.0 / 150.0
 """1 / time constant of the surplus of squared innovations, 1/s."""
 LEAST_TRUST_S, MOST_TRUST_S = 10.0, 300.0
-"""Seconds of refused voltages before the belief is held to be wrong, not the voltages: of a belief that none has
-confirmed yet, and of one that many have. Counted charge would carry it longer, but a wrong one must not stand."""
+"""Seconds of refused voltages before the belief is held to be wrong, not the voltages: of a belief that none
+has confirmed yet, and of one that many have. Counted charge carries it longer, but a wrong one must not stand."""
 ALARM_RATE, ALARM_HOLD_S = 4.0, 480.0
 """MISMATCH stands so many times as long as innovations called for it, up to this, s, ..."""
 ALARM_PER_PATIENCE, ALARM_WITHIN_S = 2.0, 450.0
-"""... or so many times what the patience is beyond this, s: a model that is always wrong is always flagged."""
+"""... or so many times what the patience is beyond this, s: a model always wrong is always flagged."""
 LEAST_PATIENCE_S, MOST_PATIENCE_S, MORE_PATIENCE = 300.0, 43200.0, 2.0
-"""How long a mismatch may stand before the belief is given up: longer each time, as a wrong model stays wrong."""
+"""How long a mismatch may stand before the belief is given up, s: longer each time, as a wrong model stays
+wrong."""
 CALM_AFTER_S = 3600.0
 """After so long without a mismatch it is as short as at first."""
 LEAST_STEP_S, MOST_STEP_S = 0.1, 5.0
@@ -124,7 +125,7 @@ def added_noise(excess_V2: float, white_V2: float) -> float:
 
 
 REFUSED_HOLD_S = 1200.0
-"""How long MISMATCH stands after a belief was given up against refused voltages, s: they may be what was wrong."""
+"""How long MISMATCH stands after a belief was given up against refused voltages, s: they may be wrong."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
