@@ -139,7 +139,8 @@ def take_voltage(
         hold_back(noise, m, m[SEEN, 0] * per_total)
         correct(places, m, 1.0, noise_V2, plain, unit, innovation_V)
         flags = mismatch_flag(watch, g[_watch.EXCESS_V2], shown)
-        flags |= suspect(places, noise, watch, g, m, flags, shown, ohm, step_s, per_C)
+        if flags or is_suspected(g):
+            flags |= suspect(places, noise, watch, g, m, flags, shown, ohm, step_s, per_C)
     return flags
 
 

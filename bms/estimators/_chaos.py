@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bms.estimators import _watch
-from bms.estimators._absorb import CURVE_SOC, refuse, suspect, watch_innovation
+from bms.estimators._absorb import CURVE_SOC, is_suspected, refuse, suspect, watch_innovation
 from bms.estimators._joint import (
     ERRED,
     FAST,
@@ -183,4 +183,6 @@ def take_voltage_chaos(
         for term in range(1, terms):
             chaos[term, i] -= m[GAIN, i] * voltage[term]
     flags = mismatch_flag(watch, g[_watch.EXCESS_V2], shown)
-    return flags | suspect(places, noise, watch, g, m, flags, shown, ohm, step_s, per_C)
+    if flags or is_suspected(g):
+        flags |= suspect(places, noise, watch, g, m, flags, shown, ohm, step_s, per_C)
+    return flags

@@ -15,6 +15,7 @@ from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._reset import read_rest
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 SOC, START_VARIANCE, SINCE_RESET_S, WHITE_C2, DOUBT_C2, START_SOC, WAS_AT_REST = 0, 1, 2, 3, 4, 5, 6
 MEAN_V, MEAN_A, MEAN_SOC, SPAN_S, CHECK_S, DOUBTED_C, ALARM_S = range(7, 14)
@@ -60,35 +61,35 @@ def _restart(x: Array, soc: float, variance: float) -> None:
 def _remember(x: Array, current_A: float, voltage_V: float, step_s: float) -> None:
     """Move the recent means of voltage, current and SOC."""
     x[SPAN_S] += step_s
-    weight = min(step_s / min(max(x[SPAN_S], step_s), 1.0 / _watch.PER_MEAN), 1.0) if step_s > 0.0 else 0.0
+    weight = min(step_s * _watch.PER_MEAN, 1.0)
+    if x[SPAN_S] * _watch.PER_MEAN < 1.0 and step_s > 0.0:
+        weight = step_s / x[SPAN_S]
     x[MEAN_V] += weight * (voltage_V - x[MEAN_V])
     x[MEAN_A] += weight * (current_A - x[MEAN_A])
     x[MEAN_SOC] += weight * (x[SOC] - x[MEAN_SOC])
 
 
 @njit(cache=True, nogil=True)
-def _compare(circuit: Circuit, settings: Settings, x: Array, celsius: float, per_C: float) -> None:
+def _compare(
+    guide: IntArray, knot: Array, cubic: Array, lasting_ohm: float, settings: Settings, x: Array, per_C: float
+) -> None:
     """Doubt the counted charge while the mean voltage contradicts all that is believed.
 
     It may be the current that is wrong, by so much as explains the voltage, see
     `bms.estimators._absorb.suspect`.
     """
     step_s, x[CHECK_S] = x[CHECK_S], 0.0
-    soc, before = x[MEAN_SOC], x[DOUBTED_C]
+    soc, before = min(max(x[MEAN_SOC], 0.0), 1.0), x[DOUBTED_C]
     reach = FAR_SD * math.sqrt(min(_variance(settings, x, per_C), 1.0 / 12.0))
-    ohm = parameters_at(
-        circuit.table, circuit.temperature_C, circuit.activation_K, circuit.reference_K, soc, celsius
-    )
-    lasting = ohm[0] + ohm[1] + ohm[3]
-    shown_V = x[MEAN_V] - lasting * x[MEAN_A]
-    low_V = ocv_at(circuit.guide, circuit.knot, circuit.cubic, max(soc - reach, 0.0))
-    high_V = ocv_at(circuit.guide, circuit.knot, circuit.cubic, min(soc + reach, 1.0))
+    shown_V = x[MEAN_V] - lasting_ohm * x[MEAN_A]
+    low_V = ocv_at(guide, knot, cubic, max(soc - reach, 0.0))
+    high_V = ocv_at(guide, knot, cubic, min(soc + reach, 1.0))
     off_V = max(low_V - shown_V, shown_V - high_V)
     if off_V <= settings.contrary_V:
         x[DOUBTED_C] = 0.0
         x[ALARM_S] = max(x[ALARM_S] - step_s, 0.0)
         return
-    doubt_A = off_V / max(lasting, off_V / settings.limit_A)
+    doubt_A = off_V / max(lasting_ohm, off_V / settings.limit_A)
     x[DOUBTED_C] = before + doubt_A * step_s
     x[DOUBT_C2] += x[DOUBTED_C] * x[DOUBTED_C] - before * before
     x[ALARM_S] = min(x[ALARM_S] + _watch.ALARM_RATE * step_s, _watch.ALARM_HOLD_S)
@@ -110,6 +111,8 @@ def run(
 ) -> None:
     """Take samples; see `bms.estimators.base.KernelEstimator` for the arguments."""
     guide, knot, cubic, per_C = circuit.guide, circuit.knot, circuit.cubic, 1.0 / circuit.capacity_C
+    table, nodes_C = circuit.table, circuit.temperature_C
+    activation_K, reference_K = circuit.activation_K, circuit.reference_K
     g, x = memory[: _gate.SIZE], memory[_gate.SIZE :]
     pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
     for k in range(current_A.size):
@@ -135,7 +138,10 @@ def run(
             _remember(x, seen.now_A, voltage_V[k], min(seen.step_s, gate.gap_s))
             if x[CHECK_S] >= CHECK_EVERY_S and x[SPAN_S] * _watch.PER_MEAN > 1.0:
                 x[CHECK_S] = min(x[CHECK_S], gate.gap_s)
-                _compare(circuit, settings, x, seen.temperature_C, per_C)
+                ohm = parameters_at(
+                    table, nodes_C, activation_K, reference_K, x[MEAN_SOC], seen.temperature_C
+                )
+                _compare(guide, knot, cubic, ohm[0] + ohm[1] + ohm[3], settings, x, per_C)
         if x[ALARM_S] > 0.0:
             flags |= _gate.MISMATCH
         if not 0.0 <= x[SOC] <= 1.0:

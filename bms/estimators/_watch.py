@@ -28,7 +28,7 @@ PER_EXCESS = 1.0 / 150.0
 """1 / time constant of the surplus of squared innovations, 1/s."""
 LEAST_TRUST_S, MOST_TRUST_S = 10.0, 300.0
 """Seconds of refused voltages before the belief is held to be wrong, not the voltages: of a belief that none
-has confirmed yet, and of one that many have. Counted charge carries it longer, but a wrong one must not stand."""
+has confirmed yet, and of one that many have. Charge carries it longer, but a wrong one must not stand."""
 ALARM_RATE, ALARM_HOLD_S = 4.0, 480.0
 """MISMATCH stands so many times as long as innovations called for it, up to this, s, ..."""
 ALARM_PER_PATIENCE, ALARM_WITHIN_S = 2.0, 450.0
