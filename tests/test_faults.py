@@ -97,7 +97,7 @@ def withstands(name, case):
     honest = error <= np.maximum(3.0 * np.sqrt(trace.variance), 0.03)
     end_s = max(fault.end_s for fault in faults)
     after = trace.time_s >= end_s + CLEAN_S
-    # A count has no say against its bound, and a plateau shows a current that is wrong by some 20 mV of
+    # A count has no say against its bound, and a plateau shows a current that is wrong by less than 30 mV of
     # resistance to nobody who takes the current for what it is.
     unseen = name == "coulomb" and cell_name != "nmc-lgm50" and any(has_lying_current(f) for f in faults)
     if name == "coulomb":
