@@ -36,8 +36,8 @@ ALARM_PER_PATIENCE, ALARM_WITHIN_S = 2.0, 450.0
 LEAST_PATIENCE_S, MOST_PATIENCE_S, MORE_PATIENCE = 300.0, 43200.0, 2.0
 """How long a mismatch may stand before the belief is given up, s: longer each time, as a wrong model stays
 wrong."""
-CALM_AFTER_S = 3600.0
-"""After so long without a mismatch it is as short as at first."""
+CALM_AFTER_S = 86400.0
+"""After so long without a mismatch it is as short as at first, s: a wrong model has its calm hours."""
 LEAST_STEP_S, MOST_STEP_S = 0.1, 5.0
 """What a refused voltage counts at least and at most, s: no single one says that the belief is wrong."""
 
