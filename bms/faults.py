@@ -14,8 +14,8 @@ fault          a reading becomes                    what an estimator can say
                                                     both: once a few per cent of charge seem to pass
 `Spikes`       off by ``size``, now and then        flagged if out of range, or if the voltage is far from
                                                     what an estimator that uses it expects
-`SensorOffset` off by ``size``                      a large one as a mismatch, by estimators that use the
-                                                    voltage; a small one only widens the variance
+`SensorOffset` off by ``size``                      a large one as a mismatch; a small one only widens the
+                                                    variance
 `SensorGain`   ``size`` times what it was           as an offset
 ============== ==================================== ======================================================
 

@@ -36,7 +36,7 @@ MEANINGS = {
     Flag.STUCK: "a reading repeats itself while the other one moves; it is not used",
     Flag.GAP: "no sample for longer than the gap limit; the charge in between is unknown",
     Flag.OUTLIER: "voltage far from what the belief allows; it is not used",
-    Flag.MISMATCH: "residuals larger or slower than the model explains; the variance has been raised",
+    Flag.MISMATCH: "residuals lately larger or slower than the model explains; the variance has been raised",
     Flag.LIMIT: "an estimate stands at its bound",
     Flag.REST: "at rest long enough for the voltage to be the open-circuit one",
     Flag.FULL: "fully charged; the SOC is known",

@@ -123,31 +123,7 @@ def plainly_bad(log, cell):
     return sum(np.where(bad, int(flag), 0) for flag, bad in said.items())
 
 
-def lies(fault):
-    """Whether a fault makes readings that are wrong and look right."""
-    return isinstance(fault, SensorOffset | SensorGain | Stuck | Spikes)
-
-
-def is_gross(fault, cell):
-    """Whether a reading is wrong by so much, for so long, that a flat curve cannot put it right again.
-
-    That is 3 % of the capacity miscounted, or 50 mV, some tens of per cent of a plateau, for a minute.
-    """
-    if not lies(fault):
-        return False
-    duration, typical_A = fault.duration_s, 0.8 * cell.capacity_Ah
-    miscounted_C, off_V = 0.0, 0.0
-    if isinstance(fault, Stuck):
-        miscounted_C = typical_A * duration
-    elif isinstance(fault, SensorOffset):
-        miscounted_C, off_V = abs(fault.size) * duration, abs(fault.size)
-    elif isinstance(fault, SensorGain):
-        miscounted_C, off_V = (
-            abs(fault.size - 1.0) * typical_A * duration,
-            abs(fault.size - 1.0) * cell.ocv_V[-1],
-        )
-    elif isinstance(fault, Spikes):
-        miscounted_C = fault.size * (1.0 + (fault.share * duration) ** 0.5)
-    return ("current" in fault.channels and miscounted_C > 0.03 * cell.capacity_C) or (
-        "voltage" in fault.channels and off_V > 0.05 and duration > 60.0
-    )
+def has_lying_current(fault):
+    """Whether a fault makes currents that are wrong and look right."""
+    lies = isinstance(fault, SensorOffset | SensorGain | Stuck | Spikes)
+    return lies and "current" in fault.channels

@@ -11,6 +11,7 @@ from bms.errors import BatteryError
 from bms.estimators.catalogue import estimator_names, make_estimator
 from bms.estimators.gate import Sensors
 from bms.estimators.members import run_members
+from bms.flags import Flag
 from bms.measurement import Measurement
 from bms.simulation import simulate, simulate_members
 
@@ -118,13 +119,28 @@ def test_coulomb_counts_charge_and_its_doubt():
     estimator = make_estimator(
         "coulomb", cell, soc=0.3, soc_sd=0.01, sensors=sensors, bias_sd_A=0.005, capacity_share=0.03
     )
-    trace = estimator.run(current, np.full(n, 3.3) + np.tile([1e-4, -1e-4], n // 2))
     passed = np.arange(n) * 1.0
+    voltage = cell.ocv(0.3 + passed / 7200.0) + 0.019 * current + np.tile([1e-4, -1e-4], n // 2)
+    trace = estimator.run(current, voltage)
     np.testing.assert_allclose(trace.soc, 0.3 + passed / 7200.0, atol=1e-9)
     expected = (
         1e-4 + 0.02**2 * passed / 7200.0**2 + (0.005 * passed / 7200.0) ** 2 + (0.03 * passed / 7200.0) ** 2
     )
     np.testing.assert_allclose(trace.variance, expected, rtol=1e-6)
+
+
+def test_coulomb_doubts_its_count_while_the_voltage_contradicts_and_only_then():
+    """On a linear curve 30 mV of model error and 3 sd are 12 % of SOC; a count off by more is doubted."""
+    cell, n = linear_cell(), 3000
+    noise = np.random.default_rng(1).normal(0.0, 1e-3, (2, n))
+    for off, doubted in ((0.11, False), (0.3, True), (-0.27, True)):
+        estimator = make_estimator("coulomb", cell, soc=0.5 + off, soc_sd=0.02)
+        trace = estimator.run(-0.5 + noise[0], cell.ocv(0.5 - np.arange(n) / 14400.0) - 0.0095 + noise[1])
+        assert np.any(trace.flags & Flag.MISMATCH) == doubted
+        # The count stays what it is; its doubt grows to what the contradiction calls for, and no further.
+        assert trace.soc[-1] == pytest.approx(0.5 + off - n / 14400.0, abs=1e-3)
+        sd = np.sqrt(trace.variance[-1])
+        assert ((abs(off) - 0.06) / 3.0 < sd + 0.002 < 0.3) if doubted else sd < 0.025
 
 
 def test_coulomb_believes_a_rest_as_far_as_the_curve_is_steep():

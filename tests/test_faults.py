@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from fault_cases import CASES, CLEAN_S, is_gross, lies, measured, plainly_bad
+from fault_cases import CASES, CLEAN_S, has_lying_current, measured, plainly_bad
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -36,16 +36,19 @@ def check_belief(trace):
 
 SEQUENCES = 170
 """For each of the six estimators, so 1,020 in all."""
+UNRECOVERED, SILENT = 0.01, 0.03
+"""Shares of the sequences that may fail: other draws than these show 0.1 to 0.3 %, and 0.5 to 1.5 %."""
 
 
 @each_estimator
 def test_any_faults(name):
     """1,000 and more sequences over the estimators.
 
-    A belief without NaN and the flags of plainly bad readings are demanded of each; recovery within half an
-    hour of 97 in 100: a plateau can leave a lie standing, and the sequences drawn are not for ever the same.
+    A belief without NaN and the flags of plainly bad readings are demanded of each. Half an hour after all
+    but 1 in 100, it is right or its variance says that it is not, and nothing is flagged any more. Meanwhile,
+    in all but 3 in 100, wherever it is wrong by more than it says something is flagged.
     """
-    unrecovered, runs = [], []
+    unrecovered, silent, runs = [], [], []
 
     @settings(
         max_examples=SEQUENCES,
@@ -57,16 +60,20 @@ def test_any_faults(name):
     @given(case=CASES)
     def each(case):
         runs.append(case)
-        if not recovers(name, case):
+        recovered, told = withstands(name, case)
+        if not recovered:
             unrecovered.append(case)
+        if not told:
+            silent.append(case)
 
     each()
     assert len(runs) >= SEQUENCES
-    assert len(unrecovered) <= 0.03 * len(runs), unrecovered
+    assert len(unrecovered) <= UNRECOVERED * len(runs), unrecovered
+    assert len(silent) <= SILENT * len(runs), silent
 
 
-def recovers(name, case):
-    """Whether what is believed half an hour after a sequence is right, or said not to be."""
+def withstands(name, case):
+    """Whether what is believed half an hour after a sequence is right, or said not to be; and before that."""
     cell_name, faults, seed = case
     truth = measured(cell_name)
     log = inject(truth.time_s, truth.current_A, truth.voltage_V, faults, seed)
@@ -86,22 +93,21 @@ def recovers(name, case):
     seen = np.array([np.bitwise_or.reduce(bad[max(k - EVERY + 1, 0) : k + 1]) for k in upto])
     assert np.array_equal(trace.flags & int(PLAIN), seen)
 
-    # Recovered within half an hour.
-    after = trace.time_s >= max(fault.end_s for fault in faults) + CLEAN_S
-    error = np.abs(trace.soc - truth.soc[log.kept[upto]])[after]
-    sd = np.sqrt(trace.variance[after])
-    lying = [fault for fault in faults if lies(fault)]
+    error = np.abs(trace.soc - truth.soc[log.kept[upto]])
+    honest = error <= np.maximum(3.0 * np.sqrt(trace.variance), 0.03)
+    end_s = max(fault.end_s for fault in faults)
+    after = trace.time_s >= end_s + CLEAN_S
+    # A count has no say against its bound, and a plateau shows a current that is wrong by less than 30 mV of
+    # resistance to nobody who takes the current for what it is.
+    unseen = name == "coulomb" and cell_name != "nmc-lgm50" and any(has_lying_current(f) for f in faults)
     if name == "coulomb":
-        # It takes the current for what it is, and nothing but rest or full charge puts right what was missed.
-        quiet = not np.any(trace.flags[after] & ~int(Flag.LIMIT))
-        return quiet and (any("current" in fault.channels for fault in lying) or np.all(error <= 3.0 * sd))
-    # Readings that were wrong and looked right were believed in part; that may be said for longer.
-    lasting = Flag.MISMATCH | Flag.LIMIT if lying else Flag(0)
-    quiet = not np.any(trace.flags[after] & ~int(lasting))
-    if not any(is_gross(fault, truth.cell) for fault in lying):
-        honest = np.all(error <= np.maximum(3.0 * sd, 0.03))
-        return quiet and honest and (cell_name != "nmc-lgm50" or np.all(error <= 0.05))
-    return quiet and (cell_name != "nmc-lgm50" or np.all(error <= np.maximum(3.0 * sd, 0.05)))
+        recovered = not np.any(trace.flags[after] & ~int(Flag.LIMIT)) and (unseen or np.all(honest[after]))
+    else:
+        recovered = not np.any(trace.flags[after]) and np.all(honest[after])
+        # Where the curve is steep everywhere, the SOC is found again.
+        recovered = recovered and (cell_name != "nmc-lgm50" or np.all(error[after] <= 0.05))
+    told = unseen or np.all((honest | (trace.flags != 0))[trace.time_s <= end_s])
+    return recovered, told
 
 
 def estimate(name, log, faults=(), *, samples=None, every=1, soc=0.7, soc_sd=0.03, cell=None, seed=0):

@@ -199,7 +199,7 @@ def test_a_voltage_may_repeat_itself_while_the_current_moves_little():
 
 def test_a_current_that_repeats_itself_is_stuck_when_the_voltage_jumps():
     screen = Screen().settle(-2.0, samples=9000)
-    assert GATE.jump_V == pytest.approx(0.032)
+    assert GATE.jump_V == pytest.approx(0.018)
     flags = [screen(-5.0, 3.3 + 0.04 * (k // 4 % 2) + 1e-6 * k) for k in range(24)]
     # 10 repetitions and 3 jumps, at samples 4, 8 and 12
     assert [Flag(seen.flags) for seen in flags] == [Flag(0)] * 12 + [Flag.STUCK] * 12

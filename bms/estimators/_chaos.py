@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bms.estimators import _watch
-from bms.estimators._absorb import CURVE_SOC, refuse, watch_innovation
+from bms.estimators._absorb import CURVE_SOC, is_suspected, refuse, suspect, watch_innovation
 from bms.estimators._joint import (
     ERRED,
     FAST,
@@ -131,12 +131,14 @@ def take_voltage_chaos(
     white_V2: float,
     innovation_V: float,
     step_s: float,
+    ohm: float,
+    per_C: float,
 ) -> int:
     """Judge an innovation and update coefficients and remainder, [M] eqs 22-23 with Joseph's form.
 
     Parameters
     ----------
-    places, noise, watch, g, m, bent_V2, white_V2, innovation_V, step_s
+    places, noise, watch, g, m, bent_V2, white_V2, innovation_V, step_s, ohm, per_C
         As in `bms.estimators._absorb.take_voltage`.
     chaos : ndarray, shape (terms, n)
         Coefficients of the states; changed.
@@ -163,10 +165,12 @@ def take_voltage_chaos(
     total = held + noise_V2
     lost = is_lost(watch, g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.SLOW_V2])
     if lost or innovation_V * innovation_V > watch.outlier * (held + bent_V2 + white):
-        return refuse(places, g, m, lost)
-    g[_watch.REJECTED] = 0.0
+        return refuse(places, watch, g, m, lost, step_s)
+    g[_watch.TRUST_S] = min(g[_watch.TRUST_S] + step_s, _watch.MOST_TRUST_S)
+    shown = 0.0
     if watch.active:
-        watch_innovation(watch, g, innovation_V, white_V2, held + bent_V2, step_s)
+        given = held + bent_V2 - (error - watch.error_V2) * unit
+        shown = watch_innovation(watch, g, innovation_V, white_V2, held + bent_V2, given, step_s)
     for i in range(n):
         crossed = m[SEEN, i] + error * m[ERRED, i]
         for term in range(1, terms):
@@ -178,4 +182,7 @@ def take_voltage_chaos(
         chaos[0, i] = m[STATE, i]
         for term in range(1, terms):
             chaos[term, i] -= m[GAIN, i] * voltage[term]
-    return mismatch_flag(watch, g[_watch.EXCESS_V2], g[_watch.ERROR_V2])
+    flags = mismatch_flag(watch, g[_watch.EXCESS_V2], shown)
+    if flags or is_suspected(g):
+        flags |= suspect(places, noise, watch, g, m, flags, shown, ohm, step_s, per_C)
+    return flags

@@ -25,6 +25,7 @@ from bms.estimators._joint import (
     carry_shared,
     covariance_row,
     factor,
+    lasting_ohm,
     move_and_linearise,
     see_wide,
     spread_of,
@@ -148,7 +149,9 @@ def run_joint(
             expected, series = expect(places, m, ohm, ocv, over_soc, seen.now_A)
             white = white_variance(noise, ohm, series, seen.doubt_A, step)
             residual = voltage_V[k] - expected
-            flags |= take_voltage(places, noise, watch, g, m, bent, white, residual, step)
+            flags |= take_voltage(
+                places, noise, watch, g, m, bent, white, residual, step, lasting_ohm(ohm), per_C
+            )
             flags |= keep_inside(places, m)
         if heat_capacity > 0.0:
             over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])

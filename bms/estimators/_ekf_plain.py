@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bms._ecm import Circuit, find_segment
 from bms.estimators import _gate, _watch
-from bms.estimators._absorb import CURVE_SOC, notice, refuse, take_occasion
+from bms.estimators._absorb import CURVE_SOC, is_suspected, notice, refuse, suspect, take_occasion
 from bms.estimators._gate import Gate, glance, judge
 from bms.estimators._joint import (
     DRIFT,
@@ -143,12 +143,12 @@ def run_plain(
     soc, v, c = load(m)
     mean, noisy, slow = g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.SLOW_V2]
     excess, error = g[_watch.EXCESS_V2], g[_watch.ERROR_V2]
-    rejected, drift = g[_watch.REJECTED], m[DRIFT, 0]
+    trust, drift, shown, suspected = g[_watch.TRUST_S], m[DRIFT, 0], 0.0, is_suspected(g)
     occasion, doubt = g[_watch.OCCASION] != 0.0, g[_watch.DOUBT_A]
     sensed = white_variance(noise, ohm, r, 0.0, 1.0)
     last_step, keep, keep2, driven, driven_V, bends = -1.0, 0.0, 0.0, 0.0, 0.0, 0.0
     q00, q01, q11, fast = 0.0, 0.0, 0.0, 0.0
-    weight, hold, by_time, spread = 0.0, 0.0, 0.0, g[_watch.SPREAD]
+    weight, quick, hold, by_time, spread = 0.0, 0.0, 0.0, 0.0, g[_watch.SPREAD]
     here, left, right = 0, 0, 0
     pending, at, due = int(g[_gate.PENDING]), 0, 0 if rows.shape[0] else -1
     for k in range(current_A.size):
@@ -163,7 +163,7 @@ def run_plain(
             q01, q11 = noise.current_A2 * driven * driven_V, noise.current_A2 * driven_V * driven_V
             bends, last_step = lasting(step, noise.bend_s), step
             fast = FAST * lasting(step, FAST_S)
-            weight, hold = weights(step)
+            weight, quick, hold = weights(step)
             by_time = step * noise.error_per_s
         passed = driven * seen.drive_A
         fades = min(by_time, abs(passed) * noise.error_per_soc)
@@ -225,26 +225,49 @@ def run_plain(
             lost = is_lost(watch, mean, noisy, slow)
             if lost or residual * residual > watch.outlier * (held + bent + white + extra):
                 g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.EXCESS_V2] = mean, noisy, excess
-                g[_watch.REJECTED] = rejected
+                g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S] = slow, error, trust
                 store(m, soc, v, c)
-                flags |= refuse(places, g, m, lost)
+                flags |= refuse(places, watch, g, m, lost, step)
                 soc, v, c = load(m)
                 mean, noisy, excess = g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.EXCESS_V2]
-                rejected = g[_watch.REJECTED]
+                slow, error, trust = g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S]
+                suspected = is_suspected(g)
             else:
-                rejected = 0.0
+                trust = min(trust + step, _watch.MOST_TRUST_S)
                 per_total = 1.0 / total
                 k0, k1 = (seen0 + error * erred0) * per_total, (seen1 + error * erred1) * per_total
                 if watch.active:
-                    mean, noisy, slow, excess, error = learn(
-                        watch, mean, noisy, slow, excess, error, residual, white, held + bent, weight, hold
+                    mean, noisy, slow, excess, error, shown = learn(
+                        watch,
+                        mean,
+                        noisy,
+                        slow,
+                        excess,
+                        error,
+                        residual,
+                        white,
+                        held + bent,
+                        held + bent - (error - watch.error_V2) * own,
+                        weight,
+                        quick,
+                        hold,
                     )
                 k0 = held_gain(noise, k0, seen0 * per_total, slope)
                 soc += k0 * residual
                 v += k1 * residual
                 plain = slope * seen0 + seen1 + noise_V2
                 c = correct(c, slope, k0, k1, seen0, seen1, erred0, erred1, plain, own)
-                flags |= mismatch_flag(watch, excess, error)
+                mismatch = mismatch_flag(watch, excess, shown)
+                if mismatch or suspected:
+                    g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.EXCESS_V2] = mean, noisy, excess
+                    g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S] = slow, error, trust
+                    store(m, soc, v, c)
+                    flags |= mismatch
+                    flags |= suspect(places, noise, watch, g, m, mismatch, shown, r + r1, step, per_C)
+                    soc, v, c = load(m)
+                    mean, noisy, excess = g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.EXCESS_V2]
+                    slow, error, trust = g[_watch.SLOW_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S]
+                    suspected = is_suspected(g)
                 if not 0.0 <= soc <= 1.0:
                     soc = min(max(soc, 0.0), 1.0)
                     flags |= _gate.LIMIT
@@ -258,5 +281,5 @@ def run_plain(
             rows[at, 3] = pending
             pending, at, due = 0, at + 1, due + every
     g[_watch.MEAN_V], g[_watch.NOISE_V2], g[_watch.SLOW_V2] = mean, noisy, slow
-    g[_watch.EXCESS_V2], g[_watch.ERROR_V2], g[_watch.REJECTED] = excess, error, rejected
+    g[_watch.EXCESS_V2], g[_watch.ERROR_V2], g[_watch.TRUST_S] = excess, error, trust
     g[_gate.PENDING], g[_watch.DOUBT_A], g[_watch.SPREAD] = pending, doubt, spread

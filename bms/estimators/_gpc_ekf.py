@@ -31,6 +31,7 @@ from bms.estimators._joint import (
     carry,
     carry_shared,
     covariance_row,
+    lasting_ohm,
     move,
     move_and_linearise,
     rows_of,
@@ -170,11 +171,21 @@ def run(
             white = white_variance(noise, ohm, series, seen.doubt_A, step)
             residual = voltage_V[k] - seen_V[0] - shift
             judged = take_voltage_chaos(
-                places, noise, watch, g, m, chaos, seen_V, bent, white, residual, step
+                places,
+                noise,
+                watch,
+                g,
+                m,
+                chaos,
+                seen_V,
+                bent,
+                white,
+                residual,
+                step,
+                lasting_ohm(ohm),
+                per_C,
             )
             if judged & _gate.OUTLIER and judged & _gate.MISMATCH:
-                chaos[1:, 0] = 0.0
-                collapse(places, m, chaos)
                 regerm(places, m, chaos, germs)
             flags |= judged | keep_inside(places, m)
             for i in range(n):

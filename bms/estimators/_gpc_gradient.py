@@ -9,21 +9,27 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bms._ecm import Circuit, move_hysteresis, ocv_and_slope, parameters_at
-from bms.estimators import _gate
+from bms.estimators import _gate, _watch
 from bms.estimators._gate import Gate, glance, is_temperature, judge, warm
 from bms.estimators._gpc_belief import (
+    ALARM_S,
+    CALM_S,
     CLOCK_S,
     COUNT,
     DOUBT_A,
     DOUBT_C2,
+    DOUBTED_C,
+    EARNED_S,
     FAR_S,
     FAST_V2,
     HYSTERESIS,
     LOST2_V,
     LOST_H,
     LOST_V,
+    MISMATCH_S,
     OCCASION,
     ON_S,
+    PATIENCE_S,
     QUICK_S,
     REJECTED,
     SCALARS,
@@ -67,12 +73,14 @@ IntArray = NDArray[np.int64]
 
 OUTLIER_SD = 8.0
 STILL_SD = 3.0
-OUTLIER_SAMPLES = 60.0
+LATELY_V = 0.02
 RESIDUAL_S = 300.0
 STALE = 0.03
 MISMATCH_SD = 5.0
 LOST_SD, GIVE_UP_S = 50.0, 600.0
 LEAST_LOST_V = 1e-5
+INSIDE = 0.02
+MOST_VARIANCE = 1.0 / 12.0
 FAR_SOC = 0.03
 FAR_SD = 20.0
 
@@ -218,13 +226,54 @@ def _forget(room: Room, share: float) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start_anew(settings: Settings, room: Room) -> None:
-    """Give up what bad data taught: parameters and sums as before any sample, the SOC as it is."""
+    """Give up what bad data taught: parameters and sums as before any sample, a SOC that may be anything.
+
+    The doubt is put on the charge that was counted; the charge at the start has its prior.
+    """
     x, theta = room.x, room.theta
     soc = theta[ALPHA] * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S])
     theta[:] = settings.start
-    theta[X10] = soc / theta[ALPHA] - x[X1] + theta[BIAS] * x[CLOCK_S]
+    x[X1] = soc / theta[ALPHA] - theta[X10] + theta[BIAS] * x[CLOCK_S]
+    x[DOUBT_C2] = MOST_VARIANCE / (theta[ALPHA] * theta[ALPHA])
+    x[LOST_V], x[LOST_H] = LATELY_V, 1.0
+    x[SLOW_V], x[REJECTED], x[FAR_S], x[DOUBTED_C], x[MISMATCH_S] = 0.0, 0.0, 0.0, 0.0, 0.0
+    x[ALARM_S] = _watch.longest_alarm(x[PATIENCE_S])
     _forget(room, 0.0)
-    x[FAR_S] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _suspect(settings: Settings, room: Room, flags: int, ohm: float, dt: float) -> int:
+    """Doubt the counted charge while residuals have a mean, and end what does not end.
+
+    See `bms.estimators._absorb.suspect`. What has not arrived since the first sample is left to arrive.
+    """
+    x, theta = room.x, room.theta
+    soc = theta[ALPHA] * (theta[X10] + x[X1] - theta[BIAS] * x[CLOCK_S])
+    # At an end of the SOC a bound is no sign of anything wrong.
+    held = flags & _gate.LIMIT and INSIDE < soc < 1.0 - INSIDE
+    if not flags & _gate.MISMATCH and not held:
+        x[DOUBTED_C] = 0.0
+        x[MISMATCH_S] = max(x[MISMATCH_S] - dt, 0.0)
+        x[CALM_S] += dt
+        if x[CALM_S] > _watch.CALM_AFTER_S:
+            x[PATIENCE_S] = _watch.LEAST_PATIENCE_S
+        x[ALARM_S] = max(x[ALARM_S] - dt, 0.0)
+        return _gate.MISMATCH if x[ALARM_S] > 0.0 else 0
+    if x[EARNED_S] < _watch.MOST_TRUST_S:
+        return 0
+    if flags & _gate.MISMATCH:
+        before, off_V = x[DOUBTED_C], abs(x[SLOW_V])
+        x[DOUBTED_C] = before + min(off_V / max(ohm, off_V / settings.limit_A), settings.limit_A) * dt
+        most = MOST_VARIANCE / (theta[ALPHA] * theta[ALPHA])
+        x[DOUBT_C2] += min(x[DOUBTED_C] ** 2 - before * before, max(most - x[DOUBT_C2], 0.0))
+    longest = _watch.longest_alarm(x[PATIENCE_S])
+    x[ALARM_S] = max(x[ALARM_S] - dt, min(x[ALARM_S] + _watch.ALARM_RATE * dt, longest))
+    x[CALM_S] = 0.0
+    x[MISMATCH_S] += dt
+    if x[MISMATCH_S] > x[PATIENCE_S]:
+        _start_anew(settings, room)
+        x[PATIENCE_S] = min(_watch.MORE_PATIENCE * x[PATIENCE_S], _watch.MOST_PATIENCE_S)
+    return 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -350,10 +399,14 @@ def run(
                 + slope_V * slope_V * (alpha * alpha * x[DOUBT_C2]) * OUTLIER_SD
                 + (theta[R] * seen.doubt_A) ** 2 * OUTLIER_SD
             )
-            if x[WEIGHT_S] > RESIDUAL_S and square > limit and x[REJECTED] < OUTLIER_SAMPLES:
-                x[REJECTED] += 1.0
+            if x[WEIGHT_S] > RESIDUAL_S and square > limit:
+                x[REJECTED] += min(max(dt, _watch.LEAST_STEP_S), _watch.MOST_STEP_S)
                 flags |= _gate.OUTLIER
                 usable = False
+                if x[REJECTED] > _watch.MOST_TRUST_S:
+                    _start_anew(settings, room)
+                    x[ALARM_S] = max(x[ALARM_S], _watch.REFUSED_HOLD_S)
+                    x[FAST_V2] = square
             else:
                 x[REJECTED] = 0.0
                 quick = min(dt / RESIDUAL_S, 1.0)
@@ -403,6 +456,12 @@ def run(
             if newton_s == 0.0:
                 bounds_alpha, bounds_bias = alpha, bias
             flags |= _hold_in_bounds(low, high, parameters, x, theta, bounds_alpha, bounds_bias)
+        if flags & (_gate.MISMATCH | _gate.LIMIT) or x[ALARM_S] + x[MISMATCH_S] > 0.0:
+            flags |= _suspect(settings, room, flags, theta[R] + reference[1] + r2, dt)
+        elif usable and x[ON_S] > start_s:
+            x[CALM_S] += dt
+        if usable and x[EARNED_S] < _watch.MOST_TRUST_S and x[ON_S] > start_s:
+            x[EARNED_S] = x[EARNED_S] + dt if x[SLOW_V] * x[SLOW_V] < noise_V2 else 0.0
         occasion = flags & (_gate.REST | _gate.FULL)
         arrived = occasion & ~int(x[OCCASION])
         x[OCCASION] = occasion

@@ -22,11 +22,13 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Ohms = tuple[float, float, float, float, float, float]
 
-STATE, SHARED, SEEN, ERRED, GAIN, SLOPE, DRIFT, LOWER, UPPER, DRIVEN, MOVED = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+STATE, SHARED, SEEN, ERRED, GAIN, SLOPE, DRIFT, LOWER, UPPER = 0, 1, 2, 3, 4, 5, 6, 7, 8
+PRIOR, DRIVEN, MOVED = 9, 10, 11
 """Rows: state; its covariance with the model error; with the innovation, plain and per unit of the model
-error; gain; slopes of the voltage; drift of the variances in a second; bounds; slopes of the moving states
-over the current; from there on, the moving states' slopes over all states (as many rows as there are
-columns), then the covariance, then the covariance per unit variance of the model error."""
+error; gain; slopes of the voltage; drift of the variances in a second; bounds; variances before any sample;
+slopes of the moving states over the current; from there on, the moving states' slopes over all states (as
+many rows as there are columns), then the covariance, then the covariance per unit variance of the model
+error."""
 
 MOST_VARIANCE = 1.0 / 12.0
 """Nothing is less certain than a SOC that is anywhere between empty and full."""
@@ -276,6 +278,12 @@ def lasting(step_s: float, seconds: float) -> float:
     The first sample has no step; it counts as one of a series at 1 s.
     """
     return 1.0 + seconds / (max(step_s, 0.1) if step_s > 0.0 else 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def lasting_ohm(ohm: Ohms) -> float:
+    """Resistance to a current that lasts."""
+    return ohm[0] + ohm[1] + ohm[3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -24,6 +24,7 @@ from bms.estimators._joint import (
     carry_shared,
     covariance_row,
     factor,
+    lasting_ohm,
     move,
     move_and_linearise,
     white_variance,
@@ -216,7 +217,9 @@ def run(
             series = ohm[0] * factor(m, STATE, places.resistance)
             white = white_variance(noise, ohm, series, seen.doubt_A, step)
             residual = voltage_V[k] - expected
-            flags |= take_voltage(places, noise, watch, g, m, bent, white, residual, step)
+            flags |= take_voltage(
+                places, noise, watch, g, m, bent, white, residual, step, lasting_ohm(ohm), per_C
+            )
             flags |= keep_inside(places, m)
         if heat_capacity > 0.0:
             over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])

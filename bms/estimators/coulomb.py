@@ -11,6 +11,13 @@ relative error :math:`\sigma_Q` of the capacity. A full charge sets the SOC to 1
 voltage, read as the open-circuit voltage, against the count, which leaves the count as it is where the
 curve is flat.
 
+The voltage is looked at, though it moves nothing: its mean over five minutes, less that of the current times
+all resistance, is an open-circuit voltage. While it lies beyond those within three standard deviations of the
+SOC by more than one and a half times what the model may be off (`model_error_V`, and the hysteresis), the
+count is in doubt: the current may be wrong by as much as explains the voltage, and the variance grows as it
+does where currents are missing. `Flag.MISMATCH` says so. On a plateau a current that is wrong by less leaves
+no trace.
+
 When to use: as the baseline, and where full charges or rests come often.
 """
 
@@ -26,6 +33,10 @@ from bms.cell import Cell
 from bms.estimators import _coulomb, _gate
 from bms.estimators.base import Kernel, KernelEstimator
 from bms.estimators.gate import Sensors, gate_for
+from bms.estimators.joint import ERROR_WITH_V, ERROR_WITHOUT_V
+
+CONTRARY = 1.5
+"""A mean voltage contradicts when it is off by so many times the model's error."""
 
 
 class CoulombOptions(BaseModel):
@@ -37,6 +48,11 @@ class CoulombOptions(BaseModel):
     capacity_share: float = Field(default=0.02, ge=0.0, description="relative error of the capacity")
     full_sd: float = Field(default=0.01, ge=0.0, description="error of the SOC at full charge")
     rest_doubt_V: float = Field(default=0.005, gt=0.0, description="error of the OCV curve and the rest, V")
+    model_error_V: float | None = Field(
+        default=None,
+        ge=0.0,
+        description="slow error of the modelled voltage, V; 0.005 for a cell with hysteresis, 0.02 without",
+    )
     resets_at_rest: bool = Field(default=True, description="weigh the voltage after a long rest")
     resets_at_full: bool = Field(default=True, description="set the SOC to 1 at full charge")
 
@@ -69,12 +85,17 @@ class Coulomb(KernelEstimator):
     ) -> None:
         chosen, sensed = options or CoulombOptions(), sensors or Sensors()
         hysteresis_V = float(np.max(cell.hysteresis.voltage_V)) if cell.hysteresis else 0.0
+        error_V = chosen.model_error_V
+        if error_V is None:
+            error_V = ERROR_WITH_V if cell.hysteresis else ERROR_WITHOUT_V
         settings = _coulomb.Settings(
             current_sd_A=sensed.current_sd_A,
             bias_sd_A=chosen.bias_sd_A,
             capacity_share=chosen.capacity_share,
             full_sd=chosen.full_sd,
             rest_doubt_V=cell.series * chosen.rest_doubt_V + hysteresis_V,
+            contrary_V=CONTRARY * (error_V * cell.series + hysteresis_V),
+            limit_A=gate_for(cell, sensed).current_limit_A,
             resets_at_rest=chosen.resets_at_rest,
             resets_at_full=chosen.resets_at_full,
         )

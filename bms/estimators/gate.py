@@ -77,7 +77,7 @@ def gate_for(cell: Cell, sensors: Sensors) -> Gate:
         long_gap_s=sensors.long_gap_s,
         per_memory=1.0 / 600.0,
         stuck_A=seen_V / ohm,
-        jump_V=2.0 * seen_V,
+        jump_V=max(9.0 * sensors.voltage_sd_V, 0.01),
         stuck_C=0.03 * cell.capacity_C,
         doubt_A=0.2 * cell.capacity_Ah,
         start_A=0.5 * cell.capacity_Ah,

@@ -45,6 +45,12 @@ a small error of the model that they need not show; the last two are slow, so th
 correlation time. What a gradient still has to go to the least-squares solution is added to the deviation. So
 the variance grows when model and cell differ.
 
+**Wrong readings.** Voltages far from what is expected (eight standard deviations of recent residuals) are
+refused, for up to five minutes. After that, and when residuals have a mean that stands for five minutes
+(twice as long each time it comes back) though they had none before, what was learnt is given up: M and b are
+emptied, the parameters start anew, and the SOC may be anything, as doubt about :math:`x_1`. While the mean
+stands, that doubt grows by the current that would explain it, as in `bms.estimators.joint`.
+
 **Temperature.** Where it is not measured and the cell has a thermal node, the node is simulated from the heat
 that the measured voltage shows, in surroundings of ``Sensors.ambient_C``.
 
@@ -69,7 +75,7 @@ from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.circuit import tabulate
 from bms.errors import BatteryError
-from bms.estimators import _gate, _gpc_belief, _gpc_form, _gpc_gradient
+from bms.estimators import _gate, _gpc_belief, _gpc_form, _gpc_gradient, _watch
 from bms.estimators.base import LEADING, Kernel, KernelEstimator
 from bms.estimators.gate import Sensors, gate_for
 from gpc.basis import Legendre
@@ -179,6 +185,7 @@ class _GpcLeastSquares(KernelEstimator):
         settings = _settings(cell, belief, chosen, sensed, reference, self.newton)
         width = terms + (4 if chosen.current_bias else 3)
         own = np.zeros(_gpc_belief.SCALARS)
+        own[_gpc_belief.PATIENCE_S] = _watch.LEAST_PATIENCE_S
         memory = np.concatenate(
             [np.zeros(_gate.SIZE), own, settings.start, np.zeros(terms + width + width * width)]
         )
@@ -333,6 +340,7 @@ def _settings(
         log_forgetting_per_s=float(np.log(chosen.forgetting)),
         start_after_s=chosen.start_after_s,
         noise_V2=sensed.voltage_sd_V**2 + (ohm * sensed.current_sd_A) ** 2,
+        limit_A=gate_for(cell, sensed).current_limit_A,
         model_error_V2=(cell.series * chosen.model_error_V) ** 2,
         current_sd_A=sensed.current_sd_A,
         correlation_s=chosen.correlation_s,

@@ -34,9 +34,18 @@ change within a minute, which keeps parameters from following the error.
 
 **Watch.** The innovations :math:`\nu` of a right model are white. Their mean over some five minutes has a
 known variance (white noise, and the slow part :math:`h^T P h + s_e^2 \ldots`); where it is larger by far,
-its square is the new :math:`s_e^2`, which is forgotten over half a day. A mean that no believable error
-explains means that the belief is wrong: it is given up, as after ten refused voltages in a row. Squares
-beyond their expectation are added to r. `Flag.MISMATCH` stands while either is raised.
+its square is the new :math:`s_e^2`, which is forgotten over half a day. Squares beyond their expectation are
+added to r. Either is a mismatch, which may be the current's: while the mean :math:`\bar\nu` stands beyond
+what was given, the variance of the SOC grows by :math:`d'^2 - d^2`, :math:`d' = d + |\bar\nu| h / (R + R_1
++ R_2)`, as over missing currents.
+
+**Giving up.** A refused voltage (an innovation beyond `outlier_sigmas`) leaves the count alone. Refused for
+as long as voltages were believed before, between ten seconds and five minutes, or with a mean that no
+believable error explains, they are held to be right and the belief wrong. It is given up, as it is when a
+mismatch stands for five minutes, and twice as long each time it comes back: parameters, hysteresis and their
+variances are again those before the first sample, for nothing tells what the wrong voltages taught, and the
+SOC may be anything. `Flag.MISMATCH` stands some minutes longer than what called for it, and 20 minutes after
+refused voltages.
 
 **Wide beliefs.** Where the SOC is uncertain by more than 1 %, the curve is seen by differences over a
 standard deviation, and the variance that its bend leaves out counts as noise that lasts for a minute (ten
@@ -211,6 +220,8 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
     n = places.size
     memory = np.zeros(_watch.END + _joint.rows_of(n) * n)
     memory[_gate.TEMPERATURE_C] = cell.reference_temperature_C
+    memory[_watch.TRUST_S] = _watch.LEAST_TRUST_S
+    memory[_watch.PATIENCE_S] = _watch.LEAST_PATIENCE_S
     memory[_watch.ERROR_V2] = model_error_of(cell, options) ** 2
     m = memory[_watch.END :].reshape(-1, n)
     m[_joint.STATE, 0] = belief.mean
@@ -228,7 +239,7 @@ def start_of(cell: Cell, belief: SocBelief, options: JointOptions, places: Place
         (places.capacitance, options.relaxation_sd, options.relaxation_drift, -MOST_OHM, MOST_OHM),
     ):
         if at >= 0:
-            m[_joint.MOVED + n + at, at] = sd**2
+            m[_joint.MOVED + n + at, at] = m[_joint.PRIOR, at] = sd**2
             m[_joint.DRIFT, at] = drift**2 / day
             m[_joint.LOWER, at], m[_joint.UPPER, at] = lower, upper
     return memory
