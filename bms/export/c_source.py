@@ -22,7 +22,7 @@ from bms.estimators.coulomb import Coulomb
 from bms.estimators.gpc_ekf import GpcEkf
 from bms.estimators.gpc_gradient import GpcGaussNewton, GpcGradient
 from bms.estimators.joint import JointEstimator
-from bms.export import _start
+from bms.export import restart
 from bms.export.block import CSource, Port, checked_name
 from bms.export.program import Function, Program
 from bms.export.templates import Layout, header_of, source_of
@@ -123,18 +123,18 @@ def _translated(estimator: KernelEstimator) -> _Parts:
     update = translate(program, type(estimator).kernel, arguments)
     given: list[Value] = [memory, row, variable("double", "soc"), variable("double", "variance")]
     if isinstance(estimator, Coulomb):
-        start = translate(program, _start.start_coulomb, given)
+        start = translate(program, restart.start_coulomb, given)
     elif isinstance(estimator, GpcEkf):
-        start = translate(program, _start.start_chaos, [settings, *given])
+        start = translate(program, restart.start_chaos, [settings, *given])
     elif isinstance(estimator, JointEstimator):
         joint = Thing(estimator._joint, "settings")
-        start = translate(program, _start.start_joint, [joint, *given])
+        start = translate(program, restart.start_joint, [joint, *given])
     else:
         fresh = _fresh(estimator)
         described = program.array_of("described", fresh._row)
         around = literal(float(fresh._memory[_gate.TEMPERATURE_C]))
         own: list[Value] = [array(each, values.shape) for each, values in beside.items()]
-        start = translate(program, _start.start_recursive, [*own, described, around, *given])
+        start = translate(program, restart.start_recursive, [*own, described, around, *given])
     return _Parts(program, update, start, beside)
 
 

@@ -19,7 +19,13 @@ from socwise.commands.cosim_probe import (
     cell_of,
 )
 from socwise.commands.errors import CommandError
-from socwise.commands.estimate import _estimator_names, _make, _options, _run, _sensors
+from socwise.commands.estimators import (
+    estimator_names,
+    make_estimators,
+    options_by_estimator,
+    run_estimators,
+    sensors_of,
+)
 from socwise.commands.options import JsonOption, one_concept
 from socwise.commands.screen import complain, progress, show, show_json
 
@@ -110,7 +116,7 @@ def run(
 
     The FMU is probed first; where it contradicts its mapping nothing is run.
     """
-    names = _estimator_names(estimator)
+    names = estimator_names(estimator)
     from bms.plants.fmu.mapping import load_mapping
     from socwise.estimate_store import write_estimates
     from socwise.estimation import to_json
@@ -119,9 +125,9 @@ def run(
     check_writable(out, ESTIMATE_FORMAT)
     known = load_mapping(mapping)
     pack = cell_of(cell, known, series, parallel)
-    options = _options(option or [], names)
+    options = options_by_estimator(option or [], names)
     # Once without the log: a misspelt name should not wait for the FMU.
-    _make(names, options, pack, soc0, soc0_sd)
+    make_estimators(names, options, pack, soc0, soc0_sd)
     if start_soc is not None and not 0.0 <= start_soc <= 1.0:
         raise CommandError(f"--start-soc is {start_soc:g}; give a fraction, not per cent, between 0 and 1")
     if cycle is None:
@@ -131,7 +137,7 @@ def run(
         load = _cycle_load(cycle, concept, policy, profile, step)
     driven = _drive(plant, known, load, pack, start_soc, isolated=isolate == "yes", deadline_s=deadline)
     log, sensors, faults = _look(driven, pack, current_sd, voltage_sd, current_offset, noise, seed)
-    runs = _run(_make(names, options, pack, soc0, soc0_sd, sensors), log, every)
+    runs = run_estimators(make_estimators(names, options, pack, soc0, soc0_sd, sensors), log, every)
     result = {"schema": 1, "plant": driven.facts} | to_json(log, pack.name, runs)
     settings = {
         "plant": driven.facts,
@@ -254,7 +260,7 @@ def _look(
     from socwise.cosimulation import SensorFaults, measured
 
     exact = measured(driven.drive, SensorFaults(), np.random.default_rng(seed), driven.source, driven.notes)
-    sensors = _sensors(exact, current_sd, voltage_sd, "until", pack.series)
+    sensors = sensors_of(exact, current_sd, voltage_sd, "until", pack.series)
     if noise == "yes":
         faults = SensorFaults(sensors.current_sd_A, sensors.voltage_sd_V, current_offset_A)
     else:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from socwise.commands.errors import CommandError
-from socwise.commands.estimate import _make, _options, _scaled
+from socwise.commands.estimators import make_estimators, options_by_estimator, scaled_cell
 from socwise.commands.files import check_file, staged_file
 from socwise.commands.options import CycleOption, JsonOption, OnInfeasibleOption, one_concept, split
 from socwise.commands.screen import complain, new_table, progress, show, show_json
@@ -88,8 +88,9 @@ def export_bms(
 
     chosen = estimator.strip().lower().replace("-", "_")
     sensors = _sensors(holds, step, series, current_sd, voltage_sd)
-    pack = _scaled(load_cell(cell), series, parallel)
-    (made,) = _make([chosen], _options(option or [], [chosen]), pack, soc0, soc0_sd, sensors)
+    pack = scaled_cell(load_cell(cell), series, parallel)
+    options = options_by_estimator(option or [], [chosen])
+    (made,) = make_estimators([chosen], options, pack, soc0, soc0_sd, sensors)
     log = None if replay is None else _log(replay, pack)
     block = export_c(made, name or "bms")
     files = _write(block, forms, out, Timing(step_s=step), ())
