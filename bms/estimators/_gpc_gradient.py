@@ -420,9 +420,11 @@ def run(
             x[FAST_V2] = max(x[FAST_V2], residual_V * residual_V)
         if usable and x[DOUBT_C2] > 0.0:
             extra = (theta[R] * seen.doubt_A) ** 2
-            # What was lost lasts: it counts once in the time of the residuals, not with every sample.
-            lost = lost_V2 * max(RESIDUAL_S / dt, 1.0) if dt > 0.0 else lost_V2 * RESIDUAL_S
-            _correct_charge(x, alpha, residual_V, slope_V, noise_V2 + extra + lost + x[SLOW_V] * x[SLOW_V])
+            # What was lost lasts, and so does what residuals show as a mean, be it the model's: it counts
+            # once in the time of the residuals, not with every sample.
+            samples = max(RESIDUAL_S / dt, 1.0) if dt > 0.0 else RESIDUAL_S
+            lasting = (lost_V2 + x[SLOW_V] * x[SLOW_V]) * samples
+            _correct_charge(x, alpha, residual_V, slope_V, noise_V2 + extra + lasting)
         if usable and seen.doubt_A == 0.0 and lost_V2 <= noise_V2 and x[ON_S] > start_s:
             weight_s = dt
             if flat2 > 0.0:

@@ -49,7 +49,9 @@ the variance grows when model and cell differ.
 refused, for up to five minutes. After that, and when residuals have a mean that stands for five minutes
 (twice as long each time it comes back) though they had none before, what was learnt is given up: M and b are
 emptied, the parameters start anew, and the SOC may be anything, as doubt about :math:`x_1`. While the mean
-stands, that doubt grows by the current that would explain it, as in `bms.estimators.joint`.
+stands, that doubt grows by the current that would explain it, as in `bms.estimators.joint`. A mean counts
+against the doubt as one error that lasts as long as the mean is taken over, not as a new one with every
+sample: it may be the model's.
 
 **Temperature.** Where it is not measured and the cell has a thermal node, the node is simulated from the heat
 that the measured voltage shows, in surroundings of ``Sensors.ambient_C``.
