@@ -3,6 +3,7 @@
 from gpc.basis import Family, Hermite, Jacobi, Legendre, beta_rule
 from gpc.belief import ChaosBelief, Innovation, normalised_square
 from gpc.collocation import Collocation, collocate, quadrature, regression
+from gpc.consistency import Consistency, nees
 from gpc.ekf import GpcEkf
 from gpc.errors import ChaosError
 from gpc.expansion import Expansion, affine_coefficients, sample_germs
@@ -15,6 +16,7 @@ __all__ = [
     "ChaosBelief",
     "ChaosError",
     "Collocation",
+    "Consistency",
     "Expansion",
     "Family",
     "GpcEkf",
@@ -32,6 +34,7 @@ __all__ = [
     "germ_matrix",
     "hyperbolic",
     "multiplication",
+    "nees",
     "normalised_square",
     "quadrature",
     "regression",

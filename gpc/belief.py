@@ -99,12 +99,12 @@ def normalised_square(error: ArrayLike, covariance: ArrayLike) -> float:
     -------
     float
         Chi-square distributed with as many degrees of freedom as the error has entries, if P is honest;
-        infinite when P is singular.
+        infinite when P is not positive definite.
     """
     vector = np.atleast_1d(np.asarray(error, dtype=np.float64))
     try:
-        return float(
-            vector @ np.linalg.solve(np.atleast_2d(np.asarray(covariance, dtype=np.float64)), vector)
-        )
+        # By Cholesky: of a matrix singular but for rounding, a plain solution can be negative.
+        root = np.linalg.cholesky(np.atleast_2d(np.asarray(covariance, dtype=np.float64)))
     except np.linalg.LinAlgError:
         return np.inf
+    return float(np.sum(np.linalg.solve(root, vector) ** 2))

@@ -17,14 +17,20 @@ asymptotic: ERRATA). Here a matrix N, the covariance that no germ represents, is
 :math:`\Phi` and the slope of a nonlinear H are central differences over one standard deviation about the
 mean. For a linear model with Gaussian noise, mean and P are those of the Kalman filter. As measurements come
 in, spread passes from C to N; `GpcEkf.restart` moves it back into germs, where the model's curvature is seen.
+The filter does so by itself when of some state more than the share ``restarts_at`` of the variance is in N.
 
-Without N (``carry=False``) this is the filter of the report. Its modes differ in a few settings:
+Three modes of this one filter differ in a few settings:
 
-- original (eqs 20-23): `GpcEkf.original`;
-- modified (eqs 24-26): `GpcEkf.modified`, with a small diagonal ``c`` on P in the gain, parameters inflated
-  before each forecast, and initial states with germs of their own or scattered (`gpc.inflation`);
-- regression (eq 27): `GpcEkf.regression`, for states that are outputs computed anew from the parameters at
-  each step; their rows of K are zero. It goes with N or without.
+- full germ: `GpcEkf.full_germ`, the one to use. Every uncertain state, initial states as well as parameters,
+  has a germ of its own, and N is carried;
+- report: `GpcEkf.report`, without N. As it stands that is the unmodified filter (eqs 20-23); with a small
+  diagonal ``c`` on P in the gain, parameters inflated before each forecast and initial states scattered
+  (`gpc.inflation`) it is the modified one (eqs 24-26);
+- regression: `GpcEkf.regression` (eq 27), for states that are outputs computed anew from the parameters at
+  each step; their rows of K are zero. It goes with N or without. Leaving the outputs out of the state and
+  giving the model as ``measure`` to `GpcEkf.update` is the same filter.
+
+`gpc.compiled` prepares a filter for a compiled loop; `gpc.consistency` judges what it claims.
 """
 
 from __future__ import annotations
@@ -35,15 +41,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gpc.basis import Legendre
 from gpc.belief import ChaosBelief, Innovation, as_covariance
-from gpc.collocation import Collocation
+from gpc.collocation import Collocation, collocate
 from gpc.errors import ChaosError
+from gpc.expansion import affine_coefficients
+from gpc.index_set import total_order
 from gpc.inflation import Inflation
 
 Array = NDArray[np.float64]
 
 Function = Callable[[Array], Array]
 """Vectorised: rows of states, shape (q, n), to rows of results."""
+
+
+LEAST_PIVOT = 1e-14
+"""Share of a variance below which a pivot of Cholesky's factor counts as none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +78,13 @@ class GpcEkf:
         States that a measurement may move; default all.
     lower, upper : array_like, shape (n,), optional
         Bounds on the states at the nodes, so that a model never sees a mass below zero, say.
+    restarts_at : float
+        Share of a state's variance in N beyond which an update ends with a restart; 1 is never.
 
     Raises
     ------
     ChaosError
-        When a bound lies above another or the diagonal is negative.
+        When a bound lies above another, the diagonal is negative or the share not in (0, 1].
     """
 
     collocation: Collocation
@@ -79,6 +94,7 @@ class GpcEkf:
     updated: ArrayLike | None = None
     lower: ArrayLike | None = None
     upper: ArrayLike | None = None
+    restarts_at: float = 1.0
 
     def __post_init__(self) -> None:
         lower, upper = self._bounds()
@@ -86,23 +102,60 @@ class GpcEkf:
             raise ChaosError(f"each lower bound must lie below its upper, got {lower} and {upper}")
         if self.diagonal is not None and not np.all(np.asarray(self.diagonal, dtype=np.float64) >= 0.0):
             raise ChaosError(f"the diagonal added to the covariance must be 0 or more, got {self.diagonal}")
+        if not 0.0 < self.restarts_at <= 1.0:
+            raise ChaosError(f"restarts_at is a share in (0, 1], 1 for never, got {self.restarts_at}")
 
     @classmethod
-    def original(cls, collocation: Collocation) -> GpcEkf:
-        """Set up the filter of [M] eqs 20-23, which grows over-confident."""
-        return cls(collocation, carry=False)
+    def full_germ(
+        cls,
+        centre: ArrayLike,
+        half_range: ArrayLike,
+        *,
+        order: int = 2,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        restarts_at: float = 0.7,
+    ) -> tuple[GpcEkf, ChaosBelief]:
+        """Set up the filter that gives every uncertain state a germ of its own, and what it starts from.
+
+        Parameters
+        ----------
+        centre, half_range : array_like, shape (n,)
+            Each state is uniform within ``half_range`` of ``centre``; 0 for one that is known.
+        order : int
+            Total order of the expansions; nodes are as many as terms.
+        lower, upper, restarts_at
+            As for the class. A restart needs a germ for every state and an order of 2 or more: without them
+            there is none.
+
+        Raises
+        ------
+        ChaosError
+            When shapes differ, a half-range is negative, none is positive, or a bound is wrong.
+        """
+        middle, half = np.asarray(centre, dtype=np.float64), np.asarray(half_range, dtype=np.float64)
+        if middle.ndim != 1 or half.shape != middle.shape or not np.all((half >= 0.0) & (half < np.inf)):
+            raise ChaosError(
+                f"give one half-range of 0 or more per state, got {half.tolist()} for {middle.size} states"
+            )
+        germs = int(np.count_nonzero(half))
+        families, indices = (Legendre(),) * germs, total_order(germs, order)
+        place = np.maximum(np.cumsum(half > 0.0) - 1, 0).tolist()
+        share = restarts_at if germs == middle.size and order > 1 else 1.0
+        gpc = cls(collocate(families, indices), lower=lower, upper=upper, restarts_at=share)
+        return gpc, gpc.start(affine_coefficients(families, indices, middle, half, place))
 
     @classmethod
-    def modified(
+    def report(
         cls,
         collocation: Collocation,
         *,
-        diagonal: ArrayLike,
+        diagonal: ArrayLike | None = None,
         inflation: Inflation | None = None,
         lower: ArrayLike | None = None,
         upper: ArrayLike | None = None,
     ) -> GpcEkf:
-        """Set up the filter of [M] eqs 24-26; the arguments are those of the class."""
+        """Set up the filter of [M] eqs 20-23, which grows over-confident, or with options that of 24-26."""
         return cls(collocation, False, diagonal, inflation, None, lower, upper)
 
     @classmethod
@@ -230,10 +283,12 @@ class GpcEkf:
             keep = np.eye(belief.mean.size) - gain @ slope
             remainder = keep @ remainder @ keep.T + gain @ r @ gain.T
         updated = ChaosBelief(belief.coefficients + error @ gain.T, remainder)
+        if self.carry and np.any(np.diagonal(remainder) > self.restarts_at * np.diagonal(updated.covariance)):
+            updated = self.restart(updated)
         return updated, Innovation(error[0], total, gain)
 
     def restart(self, belief: ChaosBelief) -> ChaosBelief:
-        """Move the whole covariance into germs: an expansion linear in them, and no remainder.
+        """Move the whole covariance into germs: an expansion linear in them, by Cholesky's factor.
 
         Mean and total covariance stay; the shape of the distribution becomes that of the germs.
 
@@ -249,13 +304,14 @@ class GpcEkf:
             raise ChaosError(
                 f"a restart needs a germ with a linear term for each of {size} states, got {germs}"
             )
-        value, vector = np.linalg.eigh(belief.covariance)
-        # The symmetric root leaves each state closest to its own germ.
-        root = (vector * np.sqrt(np.maximum(value, 0.0))) @ vector.T
         coefficients = np.zeros_like(belief.coefficients)
         coefficients[0] = belief.mean
+        left = belief.covariance
         for k in range(size):
-            coefficients[linear[k][0]] = root[k]
+            # Of a variance that germs before explain, rounding leaves a rest that is no germ.
+            if left[k, k] > LEAST_PIVOT * belief.covariance[k, k]:
+                coefficients[linear[k][0], k:] = left[k:, k] / np.sqrt(left[k, k])
+                left = left - np.outer(coefficients[linear[k][0]], coefficients[linear[k][0]])
         return ChaosBelief(coefficients, np.zeros((size, size)))
 
     def _bounds(self) -> tuple[Array, Array]:

@@ -106,7 +106,7 @@ def test_without_the_remainder_the_covariance_becomes_half_the_honest_one():
     """A constant seen n times through noise R: 1/C grows by 2/R + C/R^2 per update, and should by 1/R."""
     setup = chaos(1, 2)
     steps, r, c0 = 1000, 0.3, 4.0 / 3.0
-    report, honest = GpcEkf.original(setup), GpcEkf(setup)
+    report, honest = GpcEkf.report(setup), GpcEkf(setup)
     one = two = report.start(line(setup, [0.0], [2.0]))
     for _ in range(steps):
         one = report.update(report.forecast(one, constant), [1.0], r, [[1.0]])[0]
@@ -123,7 +123,7 @@ def test_inflation_holds_the_spread_at_its_fixed_point(kind):
     setup = chaos(1, 2)
     r, factor, s0 = 0.3, 0.02, 2.0 / np.sqrt(3.0)
     start = line(setup, [0.0], [2.0])
-    gpc = GpcEkf.modified(setup, diagonal=[0.0], inflation=Inflation(kind, [factor], start))
+    gpc = GpcEkf.report(setup, diagonal=[0.0], inflation=Inflation(kind, [factor], start))
     belief = gpc.start(start)
     for _ in range(2000):
         belief = gpc.update(gpc.forecast(belief, constant), [1.0], r, [[1.0]])[0]
@@ -157,7 +157,7 @@ def test_the_diagonal_moves_the_gain_and_nothing_else():
     setup = chaos(2, 1)
     start = line(setup, [1.0, 5.0], [0.6, 0.9])
     plain, c, r = start[1:].T @ start[1:], 0.01, 0.2
-    gpc = GpcEkf.modified(setup, diagonal=[c, 0.0])
+    gpc = GpcEkf.report(setup, diagonal=[c, 0.0])
     belief, innovation = gpc.update(gpc.start(start), [2.0], r, [[1.0, 0.0]])
     gain = (plain[0, 0] + c) / (plain[0, 0] + c + r)
     np.testing.assert_allclose(innovation.gain, [[gain], [0.0]], atol=1e-15)
@@ -196,7 +196,7 @@ def test_a_forecast_sees_the_curvature_of_the_model():
     """exp(a) of a uniform a has mean sinh(r) / r; a first-order filter would say 1."""
     half = 0.8
     setup = quadrature((Legendre(),), total_order(1, 8))
-    gpc = GpcEkf.original(setup)
+    gpc = GpcEkf.report(setup)
     belief = gpc.forecast(gpc.start(line(setup, [0.0], [half])), np.exp)
     assert belief.mean[0] == pytest.approx(np.sinh(half) / half, rel=1e-13)
     variance = np.sinh(2.0 * half) / (2.0 * half) - (np.sinh(half) / half) ** 2
@@ -304,13 +304,13 @@ BELIEF = PLAIN.start([[1.0], [0.5]])
     ("call", "said"),
     [
         (lambda: GpcEkf(ONE, lower=[1.0], upper=[1.0]), "lie below its upper"),
-        (lambda: GpcEkf.modified(ONE, diagonal=[-1.0]), "must be 0 or more"),
-        (lambda: GpcEkf.modified(ONE, diagonal=[1.0, 1.0]).update(BELIEF, [1.0], 1.0, [[1.0]]), "per state"),
+        (lambda: GpcEkf.report(ONE, diagonal=[-1.0]), "must be 0 or more"),
+        (lambda: GpcEkf.report(ONE, diagonal=[1.0, 1.0]).update(BELIEF, [1.0], 1.0, [[1.0]]), "per state"),
         (lambda: GpcEkf.regression(ONE, 0, 2), "outputs and parameters, got 0 and 2"),
         (lambda: PLAIN.start([[1.0]]), r"shape \(2, n\), got \(1, 1\)"),
         (lambda: PLAIN.start([[1.0], [np.nan]]), "finite coefficients"),
-        (lambda: GpcEkf.original(ONE).start([[1.0], [0.5]], 0.1), "carry=True"),
-        (lambda: GpcEkf.original(ONE).forecast(BELIEF, constant, 0.1), "carry=True"),
+        (lambda: GpcEkf.report(ONE).start([[1.0], [0.5]], 0.1), "carry=True"),
+        (lambda: GpcEkf.report(ONE).forecast(BELIEF, constant, 0.1), "carry=True"),
         (lambda: PLAIN.forecast(BELIEF, lambda s: s[:1]), "rows of states to rows of results"),
         (lambda: PLAIN.forecast(BELIEF, lambda s: np.hstack([s, s])), "its 1 states, got 2"),
         (lambda: PLAIN.forecast(BELIEF, lambda s: np.full(s.shape, np.nan)), "NaN or inf at the states"),

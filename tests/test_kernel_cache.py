@@ -71,3 +71,15 @@ def test_every_kernel_of_the_battery_is_stamped():
     assert {_filter, _levels} <= set(OF_EMS)
     stamps = [path for path in folder.rglob("battery.sha256") if len(path.read_text(encoding="ascii")) == 64]
     assert stamps != []
+
+
+def test_every_kernel_of_the_inertia_estimation_is_stamped():
+    import gpc
+    from vehicle.inertia import _kernels
+
+    folders = [Path(gpc.__file__).parent, Path(_kernels.__file__).parent]
+    kernels = {path for folder in folders for path in folder.glob("_*.py")}
+    kernels = {path for path in kernels if path.stem not in ("__init__", "_kernels")}
+    assert kernels == {Path(module.__file__) for module in _kernels.MODULES}
+    stamps = [path for folder in folders for path in folder.rglob("inertia.sha256")]
+    assert [len(path.read_text(encoding="ascii")) for path in stamps] == [64] * 2

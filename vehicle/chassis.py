@@ -71,6 +71,7 @@ class Chassis(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     mass_kg: float = Field(gt=0.0, description="Vehicle mass m, kg")
+    mass_sd_kg: float = Field(default=0.0, ge=0.0, description="Standard deviation of the mass, kg")
     drag_area_m2: float = Field(ge=0.0, description="Drag coefficient times frontal area c_d A_f, m2")
     rolling_resistance: float = Field(ge=0.0, lt=0.5, description="Rolling resistance f_r, -")
     wheel_radius_m: float = Field(gt=0.0, description="Wheel radius r_wh, m")

@@ -11,7 +11,7 @@ and braking, when power flows from the wheels, the final drive's loss is on the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,6 +237,28 @@ class Vehicle:
             Infeasible(float(demand.time_s[k]), float(power[k]), float(power[k] - least[k]))
             for k in np.flatnonzero(least > 0.0)
         )
+
+    def with_mass(self, mass_kg: float, sd_kg: float = 0.0) -> Vehicle:
+        """Return the vehicle with another mass, such as an estimated one.
+
+        Parameters
+        ----------
+        mass_kg, sd_kg : float
+            Mass and its standard deviation.
+
+        Raises
+        ------
+        VehicleError
+            The mass is not above 0, the standard deviation below 0, or one of them not finite.
+        """
+        if not (0.0 < mass_kg < math.inf and 0.0 <= sd_kg < math.inf):
+            raise VehicleError(
+                f"the mass is {mass_kg:g} kg with a standard deviation of {sd_kg:g} kg; the mass must be"
+                " above 0,"
+                " the standard deviation 0 or more"
+            )
+        weighed = {"mass_kg": float(mass_kg), "mass_sd_kg": float(sd_kg)}
+        return replace(self, chassis=self.chassis.model_copy(update=weighed))
 
     def fuel_l_per_100km(self, fuel_kg: float, distance_m: float) -> float:
         """Fuel consumption in l/100 km of a mass of fuel burnt over a distance.

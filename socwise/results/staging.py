@@ -18,6 +18,8 @@ from typing import Any
 MANIFEST = "manifest.json"
 FORMAT = "socwise comparison"
 ESTIMATE_FORMAT = "socwise estimate"
+INERTIA_FORMAT = "socwise inertia estimate"
+_FORMATS = (FORMAT, ESTIMATE_FORMAT, INERTIA_FORMAT)
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 
 
@@ -135,7 +137,7 @@ def _check_replaceable(target: Path, out: Path, form: str) -> None:
         return
     manifest = load_manifest(target, form)
     if manifest is None:
-        other = next((name for name in (FORMAT, ESTIMATE_FORMAT) if load_manifest(target, name)), None)
+        other = next((name for name in _FORMATS if load_manifest(target, name)), None)
         held = f"holds a {other}" if other else f"holds no results of socwise ({found[0]} is there)"
         raise StoreError(
             f"{out} is not empty and {held}; nothing was touched. "

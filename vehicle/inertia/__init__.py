@@ -1,0 +1,1 @@
+"""Mass, inertia and centre of gravity of a vehicle, estimated while driving ([M] parts 1 and 2)."""
