@@ -43,6 +43,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bms import _kernels as _kernels
 from bms import _uncertainty_fit
 from bms._filter import Filter
 from bms.errors import BatteryError

@@ -87,9 +87,9 @@ def compare(
     EmsError
         Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
     """
-    names = _unique([find_policy(name).NAME for name in policies], "policy")
-    mus = _unique([float(mu) for mu in mus], "mu")
-    _unique([concept.name for concept in concepts], "concept")
+    names = unique([find_policy(name).NAME for name in policies], "policy")
+    mus = unique([float(mu) for mu in mus], "mu")
+    unique([concept.name for concept in concepts], "concept")
     settings = settings or GridSettings()
     problems = [
         build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible) for concept in concepts
@@ -173,7 +173,14 @@ def _run(task: _Task, noise: Noise) -> list[Case]:
     return cases
 
 
-def _unique(values: Sequence[Item], what: str) -> tuple[Item, ...]:
+def unique(values: Sequence[Item], what: str) -> tuple[Item, ...]:
+    """Refuse to compare nothing, or the same thing twice.
+
+    Raises
+    ------
+    EmsError
+        When there is no value, or one is there twice.
+    """
     if not values:
         raise EmsError(f"there is no {what} to compare; name at least one")
     twice = [value for value in values if list(values).count(value) > 1]

@@ -43,6 +43,8 @@ class Concept(BaseModel):
     name: str = Field(min_length=1, description="short name, used in tables and file names")
     vehicle: str = Field(description="preset name, or path of a vehicle TOML relative to this file")
     pack: str = Field(description="preset name, or path of a pack TOML relative to this file")
+    mass_kg: float | None = Field(default=None, gt=0.0, description="mass in place of the vehicle's own, kg")
+    mass_sd_kg: float = Field(default=0.0, ge=0.0, description="standard deviation of that mass, kg")
     initial_soc: float = Field(gt=0.0, lt=1.0, description="SOC estimate at the start")
     initial_soc_sd: float = Field(ge=0.0, lt=0.3, description="standard deviation of its error")
     start_fuel_kg: float = Field(default=0.35e-3, ge=0.0, description="fuel of an engine start, kg")
@@ -66,11 +68,18 @@ class Concept(BaseModel):
             raise ValueError(
                 f"initial_soc_sd {self.initial_soc_sd:g} is more than a belief in [0, 1] can have"
             )
+        if self.mass_kg is None and self.mass_sd_kg:
+            raise ValueError("mass_sd_kg belongs to mass_kg; give both, or put it into the vehicle's file")
         return self
 
     def load_vehicle(self) -> Vehicle:
-        """Load the vehicle that the concept names."""
-        return load_vehicle(self._resolve(self.vehicle))
+        """Load the vehicle that the concept names, with the mass that the concept gives."""
+        vehicle = load_vehicle(self._resolve(self.vehicle))
+        return vehicle if self.mass_kg is None else vehicle.with_mass(self.mass_kg, self.mass_sd_kg)
+
+    def with_mass(self, mass_kg: float, sd_kg: float = 0.0) -> Self:
+        """Return the concept with another mass of its vehicle; see `vehicle.Vehicle.with_mass`."""
+        return self.model_copy(update={"mass_kg": mass_kg, "mass_sd_kg": sd_kg})
 
     def load_pack(self) -> Pack:
         """Load the pack that the concept names."""

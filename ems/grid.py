@@ -69,12 +69,32 @@ def soc_nodes(concept: Concept, settings: GridSettings, step: float) -> Array:
 
 
 def variance_rows(
-    concept: Concept, pack: Pack, uncertainty: UncertaintyModel, step_s: float, settings: GridSettings
+    concept: Concept,
+    pack: Pack,
+    uncertainty: UncertaintyModel,
+    step_s: float,
+    settings: GridSettings,
+    *,
+    steps: int | None = None,
+    least_reach: float = 0.0,
 ) -> Array:
-    """Variances of the rows, uniform in sqrt(p)."""
+    """Variances of the rows, uniform in sqrt(p).
+
+    Parameters
+    ----------
+    concept, pack, uncertainty, step_s, settings
+        The problem.
+    steps : int, optional
+        Steps of the trip: where next to nothing is learnt, p does not come to its level before the end.
+    least_reach : float
+        The rows reach this variance at least.
+    """
     largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
-    reach = float(steady_variance(uncertainty.mu, uncertainty.process_variance(largest_A, step_s)))
-    top = HEADROOM * math.sqrt(max(reach, concept.initial_soc_sd**2, 1e-8))
+    drift, start = float(uncertainty.process_variance(largest_A, step_s)), concept.initial_soc_sd**2
+    reach = float(steady_variance(uncertainty.mu, drift))
+    if steps is not None:
+        reach = min(reach, start + steps * drift)
+    top = HEADROOM * math.sqrt(max(reach, start, least_reach, 1e-8))
     return np.square(np.linspace(0.0, top, settings.variance_rows))
 
 

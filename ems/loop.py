@@ -6,9 +6,12 @@ plant the two agree, which a test holds.
 
 from __future__ import annotations
 
+import math
+
 from bms.belief import SocBelief
 from bms.estimators import Estimator
 from bms.plants import Plant
+from bms.plants.sensed import SensedPlant
 from ems._choose import pack_at
 from ems._rollout import Tracks
 from ems._sdp import Grid, solve_current
@@ -19,7 +22,12 @@ from ems.simulate import allocate_tracks, plant_grid, summarise
 
 
 def run_closed_loop(
-    problem: Problem, policy: Policy, plant: Plant, estimator: Estimator, *, knows_truth: bool = False
+    problem: Problem,
+    policy: Policy,
+    plant: Plant,
+    estimator: Estimator | None,
+    *,
+    knows_truth: bool = False,
 ) -> Rollout:
     """Drive the cycle once.
 
@@ -31,8 +39,8 @@ def run_closed_loop(
         Decides.
     plant : Plant
         Answers.
-    estimator : Estimator
-        Believes.
+    estimator : Estimator or None
+        Believes; may be left out where the policy knows the truth.
     knows_truth : bool
         Give the policy the plant's true SOC instead of the belief (perfect information).
 
@@ -41,33 +49,74 @@ def run_closed_loop(
     Rollout
         With a single realization.
     """
-    grid = plant_grid(problem)
     tracks = allocate_tracks(1, problem.steps)
-    engine_on = 0
-    for k in range(problem.steps):
-        belief = SocBelief(plant.soc, 0.0) if knows_truth else estimator.belief
-        _record(tracks, k, plant.soc, belief, engine_on)
-        action = policy.act(belief, k, bool(engine_on))
-        power_W = float(problem.stages.power_W[k, action.control])
-        current_A, missing_W = _current(grid, power_W, belief.mean)
-        measurement = plant.step(power_W, current_A, problem.step_s)
-        estimator.observe(measurement, problem.step_s)
-        tracks.control[0, k] = action.control
-        tracks.current_A[0, k] = measurement.current_A
-        tracks.missing_kg[0, k] = missing_W * problem.step_s * problem.scalars.shortfall_kg_per_J
-        engine_on = int(action.engine_next)
-    belief = SocBelief(plant.soc, 0.0) if knows_truth else estimator.belief
-    _record(tracks, problem.steps, plant.soc, belief, engine_on)
+    drive(problem, policy, plant, None if knows_truth else estimator, plant_grid(problem), tracks, 0)
     return summarise(problem, tracks)
+
+
+def drive(
+    problem: Problem,
+    policy: Policy,
+    plant: Plant,
+    estimator: Estimator | None,
+    grid: Grid,
+    tracks: Tracks,
+    row: int,
+    *,
+    most_variance: float = math.inf,
+) -> None:
+    """Drive the cycle once, into a row of the tracks.
+
+    Parameters
+    ----------
+    problem, policy, plant
+        As in `run_closed_loop`.
+    estimator : Estimator or None
+        Believes; without one the policy is given the true SOC.
+    grid : Grid
+        The pack as the energy management knows it, see `ems.simulate.plant_grid`.
+    tracks : Tracks
+        Filled; currents are those that flowed, not those that were measured.
+    row : int
+        Which realization.
+    most_variance : float
+        The policy is told no larger variance than this, the end of its tables.
+    """
+    power_W, step_s = problem.stages.power_W, problem.step_s
+    price_kg_per_W = step_s * problem.scalars.shortfall_kg_per_J
+    soc, estimate, variance = tracks.soc[row], tracks.estimate[row], tracks.variance[row]
+    engine, control, current_A = tracks.engine_on[row], tracks.control[row], tracks.current_A[row]
+    missing_kg, engine_on = tracks.missing_kg[row], 0
+    sensed = isinstance(plant, SensedPlant)
+    for k in range(problem.steps):
+        true = plant.soc
+        belief = _truth(true) if estimator is None else estimator.belief
+        soc[k], estimate[k], variance[k] = true, belief.mean, belief.variance
+        engine[k] = engine_on
+        told = belief if belief.variance <= most_variance else SocBelief(belief.mean, most_variance)
+        action = policy.act(told, k, bool(engine_on))
+        asked_W = float(power_W[k, action.control])
+        # A plant that is measured has a circuit of its own.
+        expected_A, missing_W = (0.0, 0.0) if sensed else _current(grid, asked_W, belief.mean)
+        measurement = plant.step(asked_W, expected_A, step_s)
+        if estimator is not None:
+            estimator.observe(measurement, step_s)
+        if measurement.withheld_W is not None:
+            missing_W = measurement.withheld_W
+        elif sensed:
+            missing_W = _current(grid, asked_W, belief.mean)[1]
+        flowed_A = plant.true_current_A if isinstance(plant, SensedPlant) else measurement.current_A
+        control[k], current_A[k], missing_kg[k] = action.control, flowed_A, missing_W * price_kg_per_W
+        engine_on = int(action.engine_next)
+    belief = _truth(plant.soc) if estimator is None else estimator.belief
+    soc[-1], estimate[-1], variance[-1] = plant.soc, belief.mean, belief.variance
+    engine[-1] = engine_on
+
+
+def _truth(soc: float) -> SocBelief:
+    return SocBelief(min(max(soc, 0.0), 1.0), 0.0)
 
 
 def _current(grid: Grid, power_W: float, soc: float) -> tuple[float, float]:
     current_A, missing_W = solve_current(power_W, *pack_at(grid, soc))
     return float(current_A), float(missing_W)
-
-
-def _record(tracks: Tracks, k: int, soc: float, belief: SocBelief, engine_on: int) -> None:
-    tracks.soc[0, k] = soc
-    tracks.estimate[0, k] = belief.mean
-    tracks.variance[0, k] = belief.variance
-    tracks.engine_on[0, k] = engine_on

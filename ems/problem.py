@@ -45,6 +45,8 @@ class Problem:
         gamma, beta and mu.
     settings : GridSettings
         How finely to discretise.
+    least_reach : float
+        Variance that the policy must have an answer to at least, whatever the uncertainty model says.
     """
 
     concept: Concept
@@ -58,6 +60,7 @@ class Problem:
     shortfall_kg: Array
     uncertainty: UncertaintyModel
     settings: GridSettings
+    least_reach: float = 0.0
 
     @property
     def step_s(self) -> float:
@@ -103,6 +106,7 @@ def build_problem(
     step_s: float = 1.0,
     settings: GridSettings | None = None,
     on_infeasible: OnInfeasible = "error",
+    pack: Pack | None = None,
 ) -> Problem:
     """Assemble the stage tables of a concept on a cycle.
 
@@ -119,6 +123,8 @@ def build_problem(
     on_infeasible : {"error", "limit"}
         Whether a step that the powertrain cannot follow, with the battery at the low end of its window, is an
         error, or is driven as well as possible with the energy it lacks priced in.
+    pack : Pack, optional
+        Another pack than the concept's own.
 
     Raises
     ------
@@ -126,7 +132,7 @@ def build_problem(
         A step cannot be followed and ``on_infeasible`` is ``"error"``.
     """
     settings = settings or GridSettings()
-    vehicle, pack = concept.load_vehicle(), concept.load_pack()
+    vehicle, pack = concept.load_vehicle(), pack or concept.load_pack()
     if not cycle.is_uniform or abs(cycle.step_s - step_s) > STEP_TOLERANCE_S:
         cycle = cycle.resample(step_s)
     demand = vehicle.demand(cycle)

@@ -27,7 +27,8 @@ def to_json(comparison: Comparison) -> Json:
     dict
         JSON-serialisable: ``schema``, ``seed``, ``cycle``, ``cases`` and ``paired``. ``paired`` holds, per
         concept and mu, every policy against the first one: a difference below zero means that ``policy`` is
-        the cheaper one.
+        the cheaper one. Of a closed loop also ``plant``, ``estimator``, ``identified`` (by concept) and
+        ``dropped`` (realizations that broke off).
     """
     return {
         "schema": SCHEMA,
@@ -49,6 +50,20 @@ def to_json(comparison: Comparison) -> Json:
             }
             for first, other in pairs(comparison)
         ],
+        **_closed_loop(comparison),
+    }
+
+
+def _closed_loop(comparison: Comparison) -> Json:
+    settings = comparison.settings
+    loop = settings.get("closed_loop")
+    if loop is None:
+        return {}
+    return {
+        "plant": settings["plant"],
+        "estimator": settings["estimator"],
+        "identified": loop["identified"],
+        "dropped": loop["dropped"],
     }
 
 

@@ -17,10 +17,14 @@ import typer
 from socwise import __version__
 from socwise.clashes import name_clashes
 from socwise.commands.compare import compare
+from socwise.commands.cosim import cosim
 from socwise.commands.cycles import cycles
 from socwise.commands.doctor import doctor
 from socwise.commands.errors import user_errors
 from socwise.commands.estimate import estimate
+from socwise.commands.export import export
+from socwise.commands.identify_uncertainty import identify_uncertainty
+from socwise.commands.inertia import inertia
 from socwise.commands.report import report
 from socwise.commands.reproduce import reproduce
 from socwise.commands.screen import complain
@@ -33,6 +37,10 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_
 app.command()(compare)
 app.command()(solve)
 app.command()(estimate)
+app.add_typer(cosim, name="cosim")
+app.add_typer(export, name="export")
+app.command()(identify_uncertainty)
+app.add_typer(inertia, name="inertia")
 app.add_typer(cycles, name="cycles")
 app.command()(reproduce)
 app.command()(report)

@@ -24,7 +24,15 @@ def build(problem: Problem) -> CostToGoPolicy:
     """Solve the stochastic program of a problem."""
     settings, concept = problem.settings, problem.concept
     nodes = soc_nodes(concept, settings, settings.soc_step)
-    rows = variance_rows(concept, problem.pack, problem.uncertainty, problem.step_s, settings)
+    rows = variance_rows(
+        concept,
+        problem.pack,
+        problem.uncertainty,
+        problem.step_s,
+        settings,
+        steps=problem.steps,
+        least_reach=problem.least_reach,
+    )
     grid = stochastic_grid(nodes, rows, problem.pack, problem.uncertainty, problem.step_s)
     solution = solve(problem, grid, *node_penalties(problem, nodes, rows, grid.soc_step))
     value = solution.value_kg(concept.initial_soc, concept.initial_soc_sd**2)

@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from socwise.commands.loop_options import (
+    MODEL,
+    CellOption,
+    EstimatorOption,
+    IsolateOption,
+    MappingOption,
+    PlantOption,
+    ScatterOption,
+    SensorsOption,
+    SetOption,
+    TrainingCountOption,
+    TrainingOption,
+    closed_loop,
+    names_of,
+    only_in_the_loop,
+)
+from socwise.commands.mass_option import MassOption, mass_effects, mass_sentences, weighed
 from socwise.commands.options import (
     DEFAULT_JOBS,
     CycleOption,
@@ -14,13 +31,15 @@ from socwise.commands.options import (
     JsonOption,
     OnInfeasibleOption,
     concepts,
-    only_the_model,
     split,
     variances,
 )
-from socwise.commands.screen import progress, show, show_json
+from socwise.commands.screen import Advance, progress, show, show_json
 
 if TYPE_CHECKING:
+    from ems import Concept
+    from ems.closed import ClosedLoop
+    from ems.records import Comparison
     from socwise.results import StoredComparison
 
 _FIRST_RUN = "solving and simulating (the first run also compiles)"
@@ -34,7 +53,9 @@ def compare(
     mu: Annotated[
         str | None,
         typer.Option(
-            metavar="V[,V...]", help="Variance of the measured SOC.", show_default="0.0007,0.002,0.006"
+            metavar="V[,V...]",
+            help="Variance of the measured SOC.",
+            show_default="0.0007,0.002,0.006; in a closed loop the identified one",
         ),
     ] = None,
     realizations: Annotated[
@@ -44,8 +65,17 @@ def compare(
         str | None,
         typer.Option(metavar="NAME[,NAME...]", help="Policies to compare.", show_default="all four"),
     ] = None,
-    plant: Annotated[str, typer.Option(metavar="model", help="What the battery really does.")] = "model",
-    estimator: Annotated[str, typer.Option(metavar="model", help="What believes the SOC.")] = "model",
+    plant: PlantOption = None,
+    estimator: EstimatorOption = None,
+    mapping: MappingOption = None,
+    isolate: IsolateOption = None,
+    cell: CellOption = None,
+    option: SetOption = None,
+    sensors: SensorsOption = None,
+    scatter: ScatterOption = None,
+    training: TrainingOption = None,
+    training_realizations: TrainingCountOption = None,
+    mass: MassOption = None,
     seed: Annotated[int, typer.Option(metavar="S", help="Seed of the noise.")] = 0,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results, figures and report.")] = Path(
         "results/compare"
@@ -56,34 +86,87 @@ def compare(
 ) -> None:
     """Compare energy-management policies on the same noise, and say what heeding the uncertainty is worth.
 
-    Writes results, figures and a report to --out.
+    Writes results, figures and a report to --out. With --plant ecm or an FMU the loop is closed: an estimator
+    believes, and the uncertainty model is identified from what it does.
     """
-    only_the_model(plant, "--plant")
-    only_the_model(estimator, "--estimator")
-    given_mus = None if mu is None else variances(mu)
-    given_policies = None if policy is None else split(policy, "--policy")
-    from drivecycles import load_cycle
-    from ems.compare import DEFAULT_MU, DEFAULT_POLICIES
-    from ems.compare import compare as run
+    answers, believes = names_of(plant, estimator)
+    only_for_a_loop = {
+        "--mapping": mapping,
+        "--isolate": isolate,
+        "--cell": cell,
+        "--option": option,
+        "--sensors": sensors,
+        "--scatter": scatter,
+        "--training": training,
+        "--training-realizations": training_realizations,
+    }
+    common: dict[str, Any] = {
+        "mus": None if mu is None else variances(mu),
+        "policies": None if policy is None else split(policy, "--policy"),
+        "realizations": realizations,
+        "seed": seed,
+        "on_infeasible": on_infeasible,
+        "jobs": jobs,
+    }
+    loop: ClosedLoop | None = None
+    if answers == MODEL:
+        only_in_the_loop(only_for_a_loop)
+    else:
+        loop = closed_loop(
+            answers,
+            believes,
+            mapping=mapping,
+            isolate=isolate,
+            cell=cell,
+            options=option,
+            sensors=sensors,
+            scatter=scatter,
+        )
     from ems.summary import to_json
     from socwise.store import check_writable, read, write
 
     check_writable(out)
+    cars = weighed(concepts(concept), mass)
+    effects = mass_effects(cars, cycle)
+    given = {key: value for key, value in common.items() if value is not None}
     with progress(_FIRST_RUN) as advance:
-        comparison = run(
-            concepts(concept),
-            load_cycle(cycle),
-            mus=DEFAULT_MU if given_mus is None else given_mus,
-            policies=DEFAULT_POLICIES if given_policies is None else given_policies,
-            realizations=realizations,
-            seed=seed,
-            on_infeasible=on_infeasible,
-            jobs=jobs,
-            progress=advance,
-        )
+        if loop is None:
+            comparison = _model_comparison(cars, cycle, given, advance)
+        else:
+            comparison = _loop_comparison(cars, cycle, loop, training, training_realizations, given, advance)
     with progress("drawing figures and writing the report"):
-        write(comparison, to_json(comparison), out)
+        write(comparison, {**to_json(comparison), **effects}, out)
     _show(read(out), as_json=as_json)
+
+
+def _model_comparison(
+    cars: list[Concept], cycle: str, given: dict[str, Any], advance: Advance | None
+) -> Comparison:
+    from drivecycles import load_cycle
+    from ems.compare import compare as run
+
+    return run(cars, load_cycle(cycle), progress=advance, **given)
+
+
+def _loop_comparison(
+    cars: list[Concept],
+    cycle: str,
+    loop: ClosedLoop,
+    training: str | None,
+    training_realizations: int | None,
+    given: dict[str, Any],
+    advance: Advance | None,
+) -> Comparison:
+    from drivecycles import load_cycle
+    from ems.closed import Training, compare_closed
+    from ems.closed.identify import REALIZATIONS, training_trip
+
+    driven = load_cycle(cycle)
+    plan = Training(
+        trip=load_cycle(training or training_trip(driven.name)),
+        realizations=training_realizations or REALIZATIONS,
+    )
+    return compare_closed(cars, driven, loop, plan, progress=advance, **given)
 
 
 def _show(stored: StoredComparison, *, as_json: bool) -> None:
@@ -92,8 +175,11 @@ def _show(stored: StoredComparison, *, as_json: bool) -> None:
         return
     from socwise.commands.compare_table import cases_table
     from socwise.report.answer import findings
+    from socwise.report.closed import loop_sentences
     from socwise.report.sentences import answer
 
+    for sentence in [*loop_sentences(stored.result), *mass_sentences(stored.result)]:
+        show(sentence, "")
     found = findings(stored.result)
     for concept in dict.fromkeys(one.concept for one in found):
         sentences = answer(concept, [one for one in found if one.concept == concept])

@@ -97,18 +97,3 @@ def one_concept(text: str) -> Concept:
     if len(found) > 1:
         raise CommandError(f"--concept is {text!r}; this command takes one, such as hev")
     return found[0]
-
-
-def only_the_model(text: str, option: str) -> None:
-    """Refuse every plant and estimator but the one of the optimisation problem.
-
-    Raises
-    ------
-    CommandError
-        If another one is asked for.
-    """
-    if text != "model":
-        raise CommandError(
-            f"{option} is {text!r}; only 'model' is available in this version, which draws SOC and estimate "
-            "from the same equations that the policies are computed with"
-        )

@@ -11,9 +11,10 @@ import numpy as np
 from ems.records import Case, Comparison
 from socwise.figures.belief import plot_ensemble, plot_error, plot_soc, plot_spread
 from socwise.figures.cost import plot_cost_split, plot_differences
+from socwise.figures.identified import behaviour_of_case, plot_identified
 from socwise.figures.operation import plot_current, plot_engine, plot_speed
 from socwise.figures.style import ESTIMATE, INK, LIMIT
-from socwise.labels import STOCHASTIC, concept_label, middle, policy_style
+from socwise.labels import PERFECT_INFORMATION, STOCHASTIC, concept_label, middle, policy_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -77,6 +78,8 @@ def _figures(comparison: Comparison) -> Iterator[tuple[str, Figure]]:
         yield f"{tag}_error", _grid(cases, plot_error, "error of the SOC estimate, first realization")
         yield f"{tag}_uncertainty", _uncertainty(cases)
         yield f"{tag}_operation", _operation(cases)
+        if "closed_loop" in comparison.settings:
+            yield f"{tag}_identified", _identified(comparison, cases)
 
 
 def _cycle(comparison: Comparison) -> Figure:
@@ -156,6 +159,28 @@ def _operation(cases: Sequence[Case]) -> Figure:
     figure.suptitle(
         f"{concept_label(shown[0].concept)}: battery current (> 0 charges) and engine, first realization"
     )
+    return figure
+
+
+def _identified(comparison: Comparison, cases: Sequence[Case]) -> Figure:
+    """Draw the identified model beside what the estimator did on the trip, driven by each policy."""
+    from bms import Pack, UncertaintyModel
+    from bms.uncertainty_fit import NAMES
+
+    settings, concept = comparison.settings, cases[0].concept
+    names = [entry["name"] for entry in settings["concepts"]]
+    pack = Pack(**settings["packs"][names.index(concept)])
+    found = settings["closed_loop"]["identified"][concept]
+    model = UncertaintyModel(**{name: found[name]["value"] for name in NAMES})
+    first = [case for case in cases if case.mu == cases[0].mu and case.policy != PERFECT_INFORMATION]
+    figure = _new_figure(max(3.1 * len(first), 5.0), 3.3)
+    panels = figure.subplots(1, max(len(first), 1), sharex=True, sharey=True, squeeze=False)[0]
+    for ax, case in zip(panels, first, strict=False):
+        plot_identified(behaviour_of_case(case), pack, model, ax)
+        ax.set_title(policy_style(case.policy).label)
+        ax.label_outer()
+    figure.suptitle(f"{concept_label(concept)}: what the estimator claims, and the identified model")
+    _shared_legend(figure, list(panels))
     return figure
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from socwise.report.answer import Finding, findings
+from socwise.report.closed import identified_table, loop_sentences
 from socwise.report.payload import payload
 from socwise.report.sentences import answer
 from socwise.report.tables import cases_table, facts_table, findings_table
@@ -67,6 +68,7 @@ def render(stored: StoredComparison) -> str:
                 for concept in concepts
             ),
             "FINDINGS": _findings(found),
+            "LOOP": _loop(stored.result),
             "CASES": cases_table(stored.result["cases"]),
             "THINNED": _thinned(numbers),
             "FACTS": facts_table(_facts(stored.manifest)),
@@ -101,6 +103,17 @@ def _findings(found: list[Finding]) -> str:
     )
 
 
+def _loop(result: Mapping[str, Any]) -> str:
+    """What a closed loop consists of and how well [L]'s model fits it; nothing where there is none."""
+    sentences = loop_sentences(result)
+    if not sentences:
+        return ""
+    label = "The identified uncertainty model"
+    text = "".join(f"<p>{_unbroken(escape(sentence))}</p>" for sentence in sentences)
+    region = f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">'
+    return f"\n<h3>{label}</h3>\n{text}\n{region}{identified_table(result)}</div>"
+
+
 def _thinned(numbers: Mapping[str, Any]) -> str:
     if numbers["points_per_stretch"] == 1:
         return ""
@@ -126,8 +139,12 @@ def _subtitle(result: Mapping[str, Any]) -> str:
 
 def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
     versions = ", ".join(f"{name} {version}" for name, version in manifest["packages"].items())
+    settings, loop = manifest["settings"], {}
+    if isinstance(settings, Mapping) and "closed_loop" in settings:
+        loop = {"Plant": settings["plant"], "Estimator": settings["estimator"]}
     return {
         "Cycle": manifest["cycle"],
+        **loop,
         "Seed": str(manifest["seed"]),
         "Python": manifest["python"],
         "Packages": versions,

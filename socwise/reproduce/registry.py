@@ -43,6 +43,34 @@ _ITEMS: dict[str, Item] = {
     "larsson-fig7": Item("HEV, low and high mu: realizations", "realizations", "figure7"),
     "larsson-fig8": Item("PHEV, medium mu: realizations", "realizations", "figure8"),
     "larsson-fig9": Item("PHEV, low and high mu: realizations", "realizations", "figure9"),
+    "mautc-table1": Item(
+        "mass-spring, unmodified filter: settings and failure", "mass_spring_items", "table1"
+    ),
+    "mautc-table2": Item("mass-spring, modified filter and those to use", "mass_spring_items", "table2"),
+    "mautc-table3": Item("ride model without sensor noise", "ride_items", "table3"),
+    "mautc-table4": Item("ride model with sensor noise, six methods", "ride_items", "table4"),
+    "mautc-table5": Item("mass and centre of gravity, urban drives", "load_transfer_items", "table5"),
+    "mautc-table6": Item("mass and centre of gravity, rural drives", "load_transfer_items", "table6"),
+    "mautc-fig1": Item("mass-spring, unmodified filter: position", "mass_spring_items", "figure1"),
+    "mautc-fig2": Item("mass-spring, unmodified filter: velocity", "mass_spring_items", "figure2"),
+    "mautc-fig3": Item("mass-spring, unmodified filter: mass", "mass_spring_items", "figure3"),
+    "mautc-fig4": Item("mass-spring, modified filter: position", "mass_spring_items", "figure4"),
+    "mautc-fig5": Item("mass-spring, modified filter: velocity", "mass_spring_items", "figure5"),
+    "mautc-fig6": Item("mass-spring, modified filter: mass", "mass_spring_items", "figure6"),
+    "mautc-fig7": Item("ride model, CG height, without sensor noise", "ride_items", "figure7"),
+    "mautc-fig8": Item("ride model, mass, without sensor noise", "ride_items", "figure8"),
+    "mautc-fig9": Item("ride model, pitch inertia, without sensor noise", "ride_items", "figure9"),
+    "mautc-fig10": Item("ride model, roll inertia, without sensor noise", "ride_items", "figure10"),
+    "mautc-fig11": Item("ride model, CG height, with sensor noise", "ride_items", "figure11"),
+    "mautc-fig12": Item("ride model, mass, with sensor noise", "ride_items", "figure12"),
+    "mautc-fig13": Item("ride model, pitch inertia, with sensor noise", "ride_items", "figure13"),
+    "mautc-fig14": Item("ride model, roll inertia, with sensor noise", "ride_items", "figure14"),
+    "mautc-fig17": Item("mass, urban drives", "load_transfer_items", "figure17"),
+    "mautc-fig18": Item("lateral position of the CG, urban drives", "load_transfer_items", "figure18"),
+    "mautc-fig19": Item("longitudinal position of the CG, urban drives", "load_transfer_items", "figure19"),
+    "mautc-fig20": Item("mass, rural drives", "load_transfer_items", "figure20"),
+    "mautc-fig21": Item("lateral position of the CG, rural drives", "load_transfer_items", "figure21"),
+    "mautc-fig22": Item("longitudinal position of the CG, rural drives", "load_transfer_items", "figure22"),
     "mautc-table7": Item("battery model, first guesses and estimates", "battery_tables", "table7"),
     "mautc-table8": Item("gains of the gradient and their stability", "battery_tables", "table8"),
     "mautc-fig25": Item("open-circuit voltage and its polynomial", "ocv_fit_figure"),
@@ -53,6 +81,51 @@ _ITEMS: dict[str, Item] = {
     "mautc-fig31": Item("SOC and voltage errors over 10 days", "errors_figure"),
     "mautc-fig32": Item("battery degradation map", "lifetime_figures", "figure32"),
     "mautc-fig33": Item("battery health over 100 days", "lifetime_figures", "figure33"),
+    "mautc-table9": Item("Greenshields, sd 3, t = 1 s: errors and means", "traffic_tables", "table9"),
+    "mautc-table10": Item("Greenshields, sd 3, t = 300 s: errors and means", "traffic_tables", "table10"),
+    "mautc-table11": Item("Underwood, sd 3, t = 1 s: errors and means", "traffic_tables", "table11"),
+    "mautc-table12": Item("Underwood, sd 3, t = 300 s: errors and means", "traffic_tables", "table12"),
+    "mautc-table13": Item(
+        "Greenshields, sd 6, t = 150 s: antithetic and plain errors", "traffic_tables", "table13"
+    ),
+    "mautc-table14": Item(
+        "Greenshields, sd 6, t = 300 s: antithetic and plain errors", "traffic_tables", "table14"
+    ),
+    "mautc-table15": Item(
+        "Greenshields, sd 10, t = 150 s: antithetic and plain errors", "traffic_tables", "table15"
+    ),
+    "mautc-table16": Item(
+        "Greenshields, sd 10, t = 300 s: antithetic and plain errors", "traffic_tables", "table16"
+    ),
+    "mautc-table17": Item(
+        "Underwood, sd 6, t = 150 s: antithetic and plain errors", "traffic_tables", "table17"
+    ),
+    "mautc-table18": Item(
+        "Underwood, sd 6, t = 300 s: antithetic and plain errors", "traffic_tables", "table18"
+    ),
+    "mautc-table19": Item(
+        "Underwood, sd 10, t = 150 s: antithetic and plain errors", "traffic_tables", "table19"
+    ),
+    "mautc-table20": Item(
+        "Underwood, sd 10, t = 300 s: antithetic and plain errors", "traffic_tables", "table20"
+    ),
+    "mautc-fig34": Item("Greenshields, mean: speed at location 1", "traffic_figures", "figure34"),
+    "mautc-fig35": Item("Greenshields, mean: speed at location 2", "traffic_figures", "figure35"),
+    "mautc-fig36": Item("Greenshields, mean: speed at location 3", "traffic_figures", "figure36"),
+    "mautc-fig37": Item("Greenshields, mean: speed at location 4", "traffic_figures", "figure37"),
+    "mautc-fig38": Item("Greenshields, five draws: speed at location 1", "traffic_figures", "figure38"),
+    "mautc-fig39": Item("Greenshields, five draws: speed at location 2", "traffic_figures", "figure39"),
+    "mautc-fig40": Item("Greenshields, five draws: speed at location 3", "traffic_figures", "figure40"),
+    "mautc-fig41": Item("Greenshields, five draws: speed at location 4", "traffic_figures", "figure41"),
+    "mautc-fig42": Item("Underwood, mean: speed at location 1", "traffic_figures", "figure42"),
+    "mautc-fig43": Item("Underwood, mean: speed at location 2", "traffic_figures", "figure43"),
+    "mautc-fig44": Item("Underwood, mean: speed at location 3", "traffic_figures", "figure44"),
+    "mautc-fig45": Item("Underwood, mean: speed at location 4", "traffic_figures", "figure45"),
+    "mautc-fig46": Item("Underwood, five draws: speed at location 1", "traffic_figures", "figure46"),
+    "mautc-fig47": Item("Underwood, five draws: speed at location 2", "traffic_figures", "figure47"),
+    "mautc-fig48": Item("Underwood, five draws: speed at location 3", "traffic_figures", "figure48"),
+    "mautc-fig49": Item("Underwood, five draws: speed at location 4", "traffic_figures", "figure49"),
+    "mautc-fig50": Item("5 antithetic against 100 plain runs, and a chaos", "traffic_sampling_figure"),
 }
 
 
