@@ -192,6 +192,8 @@ def run(
                 chaos[0, i] = m[STATE, i]
         if heat_capacity > 0.0:
             over_V = voltage_V[k] - ocv_at(guide, knot, cubic, m[STATE, 0])
+            if varies and not seen.usable:
+                ohm = parameters_at(table, nodes_C, activation_K, reference_K, m[STATE, 0], celsius)
             g[_gate.HEAT_W] = seen.now_A * over_V if seen.usable else seen.now_A**2 * ohm[0]
         pending |= flags
         if k == due or k == current_A.size - 1:
