@@ -17,9 +17,11 @@ from benchmarks.battery_log import phev_log
 from benchmarks.cases import Case, certain_case, hev_problem, stochastic_case
 from benchmarks.driving import rollout_tasks, table_tasks
 from benchmarks.fmu import fmu_tasks
+from benchmarks.inertia import update_tasks
 from benchmarks.rivals import CERTAIN, STOCHASTIC, Rival
 from benchmarks.table import Section, build_table
 from benchmarks.timing import Task, interleave
+from benchmarks.traffic import road_tasks
 from ems import GridSettings, Problem
 
 STEPS = 300
@@ -27,6 +29,8 @@ FMU_STEPS = 2134
 ROUNDS = 5
 REALIZATIONS = 50
 SLOW_SAMPLES, DAY, HOUR, MEMBERS = 2000, 86_400, 3600, 1000
+UPDATES, SLOW_UPDATES = 20_000, 1000
+ROADS, ROAD_STEPS = 1000, 300
 SETTINGS = GridSettings(soc_step=0.0025, variance_rows=15, torque_levels=39)
 WIDTH = 120
 
@@ -86,6 +90,26 @@ def battery_sections() -> list[Section]:
     ]
 
 
+def inertia_sections() -> list[Section]:
+    """Time one update of the filters that estimate a vehicle's mass and inertia."""
+    ride, corners = (update_tasks(model, UPDATES, SLOW_UPDATES) for model in ("ride", "mltm"))
+    return [
+        Section(
+            "Ride regression, 4 parameters", "update (100 Hz allow 10,000,000)", interleave(ride, ROUNDS)
+        ),
+        Section(
+            "Load transfer, 7 parameters", "update (100 Hz allow 10,000,000)", interleave(corners, ROUNDS)
+        ),
+    ]
+
+
+def traffic_sections() -> list[Section]:
+    """Time 1,000 roads of 50 cells over 300 s in one call."""
+    tasks = road_tasks(ROADS, ROAD_STEPS)
+    title = f"{ROADS:,} roads of 50 cells, {ROAD_STEPS} steps, in one call"
+    return [Section(title, "road x cell x step (100 ms allow 6.7)", interleave(tasks, ROUNDS))]
+
+
 def fmu_sections() -> list[Section]:
     """Time the test suite's battery as an FMU."""
     with fmu_tasks(FMU_STEPS, REALIZATIONS) as (two, three, further, restarts):
@@ -107,6 +131,8 @@ def main() -> None:
         solver_section("Certainty-equivalent solve", certain_case(problem), CERTAIN, console),
         *driving_sections(problem),
         *battery_sections(),
+        *inertia_sections(),
+        *traffic_sections(),
         *fmu_sections(),
     ]
     console.print(build_table(sections, ROUNDS))

@@ -29,6 +29,7 @@ from socwise.commands.report import report
 from socwise.commands.reproduce import reproduce
 from socwise.commands.screen import complain
 from socwise.commands.solve import solve
+from socwise.commands.traffic import traffic
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -42,6 +43,7 @@ app.add_typer(export, name="export")
 app.command()(identify_uncertainty)
 app.add_typer(inertia, name="inertia")
 app.add_typer(cycles, name="cycles")
+app.add_typer(traffic, name="traffic")
 app.command()(reproduce)
 app.command()(report)
 app.command()(doctor)

@@ -41,7 +41,12 @@ def test_every_item_leads_to_a_function_that_takes_jobs_and_progress(item):
 
 @pytest.mark.parametrize(
     ("given", "nearest"),
-    [("larson-table2", "larsson-table2"), ("Larsson-Fig10", "larsson-fig1"), ("fig 9", "mautc-fig9"), ("picture", None)],
+    [
+        ("larson-table2", "larsson-table2"),
+        ("Larsson-Fig10", "larsson-fig1"),
+        ("fig 9", "mautc-fig9"),
+        ("picture", None),
+    ],
 )
 def test_an_unknown_item_is_refused_with_the_nearest(given, nearest):
     with pytest.raises(EmsError, match="larsson-table1, larsson-table2") as caught:

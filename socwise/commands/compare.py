@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from socwise.commands.compare_traffic import ensemble_sentences, is_traffic, traffic_comparison
+from socwise.commands.errors import CommandError
 from socwise.commands.loop_options import (
     MODEL,
     CellOption,
@@ -59,8 +61,13 @@ def compare(
         ),
     ] = None,
     realizations: Annotated[
-        int, typer.Option(metavar="N", help="Realizations of the noise, in each case.")
-    ] = 50,
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Realizations of the noise, in each case; of traffic two for each cycle.",
+            show_default="50",
+        ),
+    ] = None,
     policy: Annotated[
         str | None,
         typer.Option(metavar="NAME[,NAME...]", help="Policies to compare.", show_default="all four"),
@@ -111,6 +118,8 @@ def compare(
     loop: ClosedLoop | None = None
     if answers == MODEL:
         only_in_the_loop(only_for_a_loop)
+    elif is_traffic(cycle):
+        raise CommandError("an ensemble of traffic takes --plant model; leave --plant and --estimator out")
     else:
         loop = closed_loop(
             answers,
@@ -122,12 +131,13 @@ def compare(
             sensors=sensors,
             scatter=scatter,
         )
+    from ems.ensemble_summary import ensemble_json
     from ems.summary import to_json
     from socwise.store import check_writable, read, write
 
     check_writable(out)
     cars = weighed(concepts(concept), mass)
-    effects = mass_effects(cars, cycle)
+    effects = {} if is_traffic(cycle) else mass_effects(cars, cycle)
     given = {key: value for key, value in common.items() if value is not None}
     with progress(_FIRST_RUN) as advance:
         if loop is None:
@@ -135,7 +145,7 @@ def compare(
         else:
             comparison = _loop_comparison(cars, cycle, loop, training, training_realizations, given, advance)
     with progress("drawing figures and writing the report"):
-        write(comparison, {**to_json(comparison), **effects}, out)
+        write(comparison, {**to_json(comparison), **ensemble_json(comparison), **effects}, out)
     _show(read(out), as_json=as_json)
 
 
@@ -144,6 +154,9 @@ def _model_comparison(
 ) -> Comparison:
     from drivecycles import load_cycle
     from ems.compare import compare as run
+
+    if is_traffic(cycle):
+        return traffic_comparison(cars, cycle, given, advance)
 
     return run(cars, load_cycle(cycle), progress=advance, **given)
 
@@ -178,7 +191,8 @@ def _show(stored: StoredComparison, *, as_json: bool) -> None:
     from socwise.report.closed import loop_sentences
     from socwise.report.sentences import answer
 
-    for sentence in [*loop_sentences(stored.result), *mass_sentences(stored.result)]:
+    kinds = (loop_sentences, ensemble_sentences, mass_sentences)
+    for sentence in (sentence for kind in kinds for sentence in kind(stored.result)):
         show(sentence, "")
     found = findings(stored.result)
     for concept in dict.fromkeys(one.concept for one in found):
