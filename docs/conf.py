@@ -50,3 +50,6 @@ def list_fields(app, what, name, thing, options, lines):
 def setup(app):
     """Connect the hook above."""
     app.connect("autodoc-process-docstring", list_fields)
+
+# A Road is one thing to traffic and another to a suspension; a reference from within a room means the room's own.
+suppress_warnings = ["ref.python"]

@@ -87,15 +87,30 @@ def _claims() -> dict[str, list[str]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         for distribution in metadata.distributions():
+            packages = _ours_among(distribution)
             try:
-                name = distribution.metadata["Name"]
+                name = distribution.metadata["Name"] if packages else ""
             except KeyError:
                 continue
-            tops = (distribution.read_text("top_level.txt") or "").split()
-            files = [path.parts[0].removesuffix(".py") for path in distribution.files or []]
-            for package in {*tops, *files} & set(PACKAGES):
+            for package in packages:
                 claims.setdefault(package, []).append(name)
     return claims
+
+
+_RECORDED = re.compile(rf'^"?({"|".join(PACKAGES)})(?:/|\.py[",])', re.MULTILINE)
+"""A line of a RECORD with a file of a package of ours."""
+
+
+def _ours_among(distribution: metadata.Distribution) -> set[str]:
+    """Find our packages' names among what a distribution installs."""
+    tops = (distribution.read_text("top_level.txt") or "").split()
+    record = distribution.read_text("RECORD")
+    if record is None:
+        files = [path.parts[0].removesuffix(".py") for path in distribution.files or []]
+    else:
+        # A path for each of some ten thousand lines would take longer than most commands do.
+        files = _RECORDED.findall(record)
+    return {*tops, *files} & set(PACKAGES)
 
 
 _FRESH = "Or use a fresh environment: `python -m venv NEW`, and install socwise alone with the pip of NEW"

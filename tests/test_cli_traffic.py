@@ -112,7 +112,8 @@ def test_compare_judges_on_the_ensemble(capsys, folder):
         "--jobs", 1,
     )  # fmt: skip
     assert (shown.code, shown.err) == (0, "")
-    assert "3 cycles of 2.0 km through uncertain traffic" in shown.out and "of 3 cycles" in shown.out
+    said = " ".join(shown.out.split())
+    assert "3 cycles of 2.0 km through uncertain traffic" in said and "of 3 cycles" in said
     result = json.loads((folder / "r" / "result.json").read_text(encoding="utf-8"))
     assert [case["realizations"] for case in result["cases"]] == [6] * 4
     assert result["ensemble"]["cycles"] == len(result["ensemble"]["members"]) == 3
