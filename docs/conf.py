@@ -51,5 +51,6 @@ def setup(app):
     """Connect the hook above."""
     app.connect("autodoc-process-docstring", list_fields)
 
+
 # A Road is one thing to traffic and another to a suspension; a reference within a room means the room's own.
 suppress_warnings = ["ref.python"]
