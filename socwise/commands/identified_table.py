@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from socwise.labels import concept_label
+from socwise.report.wording import with_error
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,9 +37,7 @@ def parameter_table(found: Sequence[Identified]) -> Table:
     table = new_table("", "gamma\n1/s", "beta\n1/(A s)", "mu", left=1)
     for one in found:
         model, errors = one.fitted.model, one.fitted.standard_errors
-        cells = (
-            f"{getattr(model, name):.3g} ± {getattr(errors, name):.1g}" for name in ("gamma", "beta", "mu")
-        )
+        cells = (with_error(getattr(model, name), getattr(errors, name)) for name in ("gamma", "beta", "mu"))
         table.add_row(concept_label(one.concept), *cells)
     return table
 

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from socwise.labels import concept_label
-from socwise.report.wording import MISSING, listing, number
+from socwise.report.wording import MISSING, listing, number, with_error
 
 Result = Mapping[str, Any]
 
@@ -45,7 +45,7 @@ def identified_sentence(concept: str, found: Mapping[str, Any]) -> str:
         An entry of ``identified``.
     """
     values = ", ".join(
-        f"{name} = {found[name]['value']:.2g} ± {found[name]['se']:.1g}" for name in _PARAMETERS
+        f"{name} = {with_error(found[name]['value'], found[name]['se'])}" for name in _PARAMETERS
     )
     fit = found["fit"]
     parts = [
@@ -69,7 +69,7 @@ def identified_table(result: Result) -> str:
     rows = []
     for concept, found in result["identified"].items():
         values = "".join(
-            f"<td>{found[name]['value']:.3g} ± {found[name]['se']:.1g}</td>" for name in _PARAMETERS
+            f"<td>{with_error(found[name]['value'], found[name]['se'])}</td>" for name in _PARAMETERS
         )
         rows.append(
             f'<tr><th scope="row">{escape(concept_label(concept))}, {escape(found["trip"])}</th>{values}'

@@ -7,6 +7,9 @@ from collections.abc import Sequence
 
 MISSING = "n/a"
 
+SMALL = 1e-3
+"""Numbers below this are written with an exponent."""
+
 
 def number(value: float | None, digits: int = 3) -> str:
     """Return a number with fixed decimals and a real minus sign, or "n/a" for None and NaN."""
@@ -16,6 +19,16 @@ def number(value: float | None, digits: int = 3) -> str:
     if float(text) == 0.0:
         text = text.removeprefix("-")
     return text.replace("-", "−")
+
+
+def with_error(value: float, error: float) -> str:
+    """Return a number with its standard error, to the error's first digit; small ones with an exponent."""
+    if abs(value) < SMALL:
+        return f"{value:.2g} ± {error:.1g}"
+    if error == 0.0:
+        return f"{value:.3g} ± 0"
+    digits = max(0, -math.floor(math.log10(error)))
+    return f"{number(value, digits)} ± {number(error, digits)}"
 
 
 def per_cent(value: float | None) -> str:
