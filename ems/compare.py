@@ -87,9 +87,7 @@ def compare(
     EmsError
         Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
     """
-    names = unique([find_policy(name).NAME for name in policies], "policy")
-    mus = unique([float(mu) for mu in mus], "mu")
-    unique([concept.name for concept in concepts], "concept")
+    names, mus = checked(concepts, policies, mus)
     settings = settings or GridSettings()
     problems = [
         build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible) for concept in concepts
@@ -171,6 +169,22 @@ def _run(task: _Task, noise: Noise) -> list[Case]:
             )
         )
     return cases
+
+
+def checked(
+    concepts: Sequence[Concept], policies: Sequence[str], mus: Sequence[float]
+) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Give the policies' own names and the mus of a comparison.
+
+    Raises
+    ------
+    EmsError
+        Nothing to compare, the same thing twice, or an unknown policy.
+    """
+    names = unique([find_policy(name).NAME for name in policies], "policy")
+    values = unique([float(mu) for mu in mus], "mu")
+    unique([concept.name for concept in concepts], "concept")
+    return names, values
 
 
 def unique(values: Sequence[Item], what: str) -> tuple[Item, ...]:

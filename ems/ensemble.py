@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivecycles import DriveCycle
-from ems.compare import DEFAULT_MU, DEFAULT_POLICIES, input_digest, unique
+from ems.compare import DEFAULT_MU, DEFAULT_POLICIES, checked, input_digest
 from ems.concept import Concept
 from ems.errors import EmsError
 from ems.grid import GridSettings
@@ -86,9 +86,7 @@ def compare_ensemble(
     EmsError
         Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
     """
-    names = unique([find_policy(name).NAME for name in policies], "policy")
-    mus = unique([float(mu) for mu in mus], "mu")
-    unique([concept.name for concept in concepts], "concept")
+    names, mus = checked(concepts, policies, mus)
     if len(members) < 2:
         raise EmsError(f"an ensemble has two cycles or more, got {len(members)}; ask for 20, say")
     settings = settings or GridSettings()

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from command_line import run, tree
 
-from socwise.commands.inertia_options import names_of, pairs
+from socwise.commands.inertia_options import names_of
 from socwise.commands.inertia_table import plus_minus
+from socwise.commands.options import key_values
 from socwise.figures.inertia import plot_quantity, quantity_label
 from socwise.inertia import InertiaRun, grouped, honesty, lean, runs_over, spread, to_json
 from socwise.inertia_cases import METHODS, MODES, allowed_for, run_mass_spring, run_synthetic, run_vehicle
@@ -346,7 +347,7 @@ def test_values_and_names_for_people():
     assert quantity_label("pitch_inertia_kgm2") == "pitch inertia [kg m²]"
     assert names_of("Full_Germ,ekf", "--method", MODES, MODES) == ["full_germ", "ekf"]
     assert names_of(None, "--method", METHODS, ("gpc",)) == ["gpc"]
-    assert pairs(["a=1", "b=x", "c=true"], "--set") == {"a": 1, "b": "x", "c": True}
+    assert key_values(["a=1", "b=x", "c=true"], "--set") == {"a": 1, "b": "x", "c": True}
 
 
 def test_the_documentation_holds(capsys):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from socwise.commands.errors import CommandError
-from socwise.commands.options import split
+from socwise.commands.options import split, toml_value
 from socwise.commands.screen import progress
 
 if TYPE_CHECKING:
@@ -106,10 +105,7 @@ def options_by_estimator(texts: list[str], names: list[str]) -> dict[str, dict[s
         owner = owner.lower().replace("-", "_")
         if owner and owner not in names:
             raise CommandError(f"--option {text!r} is for {owner!r}, which --estimator does not name")
-        try:
-            found.setdefault(owner, {})[name] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            found.setdefault(owner, {})[name] = value
+        found.setdefault(owner, {})[name] = toml_value(value)
     return found
 
 

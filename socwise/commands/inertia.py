@@ -22,10 +22,9 @@ from socwise.commands.inertia_options import (
     geometry_from,
     names_of,
     only_synthetic,
-    pairs,
     prior_from,
 )
-from socwise.commands.options import JsonOption
+from socwise.commands.options import JsonOption, key_values
 from socwise.commands.screen import complain, progress, show, show_json
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ def mass_spring(
     from vehicle.inertia.read_log import read_mass_spring
 
     modes = names_of(method, "--method", MODES, MODES)
-    changes = pairs(setting, "--set")
+    changes = key_values(setting, "--set")
     filled(Settings, changes, "--set")
     _check(data, out, {"--seeds": seeds > 1, "--duration": duration is not None})
     columns = columns_of(column, data)
@@ -202,7 +201,7 @@ def _vehicle(
     columns, believed = columns_of(column, data), prior_from(prior)
     lengths = geometry_from(geometry, data, centre_known=command == "ride")
     usual = RIDE_SENSORS if command == "ride" and data is None else ROAD_SENSORS_GAIN
-    errors = filled(SensorErrors, pairs(sensors, "--sensors"), "--sensors", usual)
+    errors = filled(SensorErrors, key_values(sensors, "--sensors"), "--sensors", usual)
     known: dict[str, Any] = {"geometry": lengths, "prior": believed}
     settings: dict[str, Any] = {
         "model": command,

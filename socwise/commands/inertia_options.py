@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from socwise.commands.errors import CommandError
-from socwise.commands.options import split
+from socwise.commands.options import key_values, split
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -65,26 +64,6 @@ def names_of(text: str | None, option: str, known: Sequence[str], default: Seque
         if name in found:
             raise CommandError(f"{option} names {item!r} twice; name each once")
         found.append(name)
-    return found
-
-
-def pairs(texts: Sequence[str] | None, option: str) -> dict[str, Any]:
-    """Read ``KEY=VALUE``, the value as TOML writes it or else as text.
-
-    Raises
-    ------
-    CommandError
-        If there is no key or no value.
-    """
-    found: dict[str, Any] = {}
-    for text in texts or ():
-        key, equals, value = (part.strip() for part in text.partition("="))
-        if not key or not equals or not value:
-            raise CommandError(f"{option} is {text!r}; give KEY=VALUE")
-        try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            found[key] = value
     return found
 
 
@@ -179,7 +158,7 @@ def geometry_from(texts: Sequence[str] | None, data: Path | None, *, centre_know
     """
     from vehicle.inertia.defender import Geometry
 
-    given = pairs(texts, "--geometry")
+    given = key_values(texts, "--geometry")
     needed = ["wheelbase_m", "track_m"]
     needed += ["cg_from_front_m", "cg_from_left_m"] if centre_known else []
     missing = [name for name in needed if name not in given]

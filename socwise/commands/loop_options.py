@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from socwise.commands.errors import CommandError
+from socwise.commands.options import key_values
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -146,7 +146,7 @@ def closed_loop(
     return ClosedLoop(
         plant=source,
         estimator=key,
-        options=_pairs(options, "--option"),
+        options=key_values(options, "--option"),
         cell=None if cell is None else load_cell(cell),
         scatter=_model(Scatter, scatter, "--scatter"),
         sensors=_model(SensorNoise, sensors, "--sensors"),
@@ -174,25 +174,12 @@ def _plant(plant: str, mapping: Path | None, isolate: str | None) -> Any:
     return source
 
 
-def _pairs(texts: list[str] | None, option: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for text in texts or ():
-        key, equals, value = (part.strip() for part in text.partition("="))
-        if not key or not equals or not value:
-            raise CommandError(f"{option} is {text!r}; give KEY=VALUE")
-        try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            found[key] = value
-    return found
-
-
 def _model(model: type[BaseModel], texts: list[str] | None, option: str) -> Any:
     from pydantic import ValidationError
 
     from bms.toml_file import complaint
 
     try:
-        return model(**_pairs(texts, option))
+        return model(**key_values(texts, option))
     except ValidationError as error:
         raise complaint(error, model, f"{option} does not fit") from error

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -29,6 +31,31 @@ JobsOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", metavar="", help="Print one JSON object and nothing else.")
 ]
+
+
+def toml_value(text: str) -> Any:
+    """Read a value as TOML would, and what TOML does not know as text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def key_values(texts: Sequence[str] | None, option: str) -> dict[str, Any]:
+    """Read an option that is given as KEY=VALUE, as often as one likes.
+
+    Raises
+    ------
+    CommandError
+        If there is no key or no value.
+    """
+    found: dict[str, Any] = {}
+    for text in texts or ():
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not key or not equals or not value:
+            raise CommandError(f"{option} is {text!r}; give KEY=VALUE")
+        found[key] = toml_value(value)
+    return found
 
 
 def split(text: str, option: str) -> list[str]:
