@@ -17,11 +17,11 @@ from bms.estimators import (
     _joint,
     _report,
     _reset,
-    _small,
     _ukf,
     _watch,
 )
 from bms.plants import _ecm_plant
+from gpc import _small
 from gpc.kernel_cache import discard_stale
 
 MODULES = (

@@ -26,6 +26,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gpc._small import factorise, solve_factored
+
 Array = NDArray[np.float64]
 
 REACH = 1.0
@@ -36,39 +38,6 @@ LEAST_REACH = 1e-7
 """Of the mean itself, for states that have no variance yet."""
 LEAST_PIVOT = 1e-14
 """As in `gpc.ekf`."""
-
-
-@njit(cache=True, nogil=True)
-def factorise(a: Array) -> bool:
-    """Replace the lower half of a matrix by its Cholesky factor; False if it is not positive definite."""
-    for i in range(a.shape[0]):
-        for j in range(i + 1):
-            total = a[i, j]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
-            if i > j:
-                a[i, j] = total / a[j, j]
-            elif total > 0.0:
-                a[i, i] = math.sqrt(total)
-            else:
-                return False
-    return True
-
-
-@njit(cache=True, nogil=True)
-def solve_factored(factor: Array, x: Array) -> None:
-    """Solve ``L L' x = b`` in place for a factor from `factorise`."""
-    n = factor.shape[0]
-    for i in range(n):
-        total = x[i]
-        for k in range(i):
-            total -= factor[i, k] * x[k]
-        x[i] = total / factor[i, i]
-    for i in range(n - 1, -1, -1):
-        total = x[i]
-        for k in range(i + 1, n):
-            total -= factor[k, i] * x[k]
-        x[i] = total / factor[i, i]
 
 
 @njit(cache=True, nogil=True)
@@ -198,10 +167,10 @@ def weigh(
             for t in range(1, terms):
                 crossed += chaos[i, t] * seen[a, t]
             gain[i, a] += crossed
-    if not factorise(total):
+    if not factorise(total, total.shape[0]):
         return False
     for i in range(n):
-        solve_factored(total, gain[i])
+        solve_factored(total, total.shape[0], gain[i])
     return True
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gpc._ekf import factorise
+from gpc._small import factorise
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def spread_sigma(
     for i in range(n):
         for j in range(n):
             factor[i, j] = covariance[i, j]
-    if not factorise(factor):
+    if not factorise(factor, factor.shape[0]):
         return False
     for i in range(n):
         low, high = lower[i], upper[i]
@@ -130,7 +130,7 @@ def update(
     for a in range(m):
         for b in range(m):
             total[a, b] += noise[a, b]
-    if not factorise(total):
+    if not factorise(total, total.shape[0]):
         return math.nan
     nis = 0.0
     for a in range(m):

@@ -25,7 +25,7 @@ from bms.estimators._gpc_form import (
     push_forward,
     quadratic,
 )
-from bms.estimators._small import factorise, solve_factored
+from gpc._small import factorise, solve_factored
 
 Array = NDArray[np.float64]
 

@@ -65,7 +65,7 @@ from bms.estimators._gpc_form import (
     walk,
 )
 from bms.estimators._reset import read_rest, soc_at_voltage
-from bms.estimators._small import solve_factored
+from gpc._small import solve_factored
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

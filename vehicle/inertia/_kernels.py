@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gpc import _ekf, _ukf
+from gpc import _ekf, _small, _ukf
 from gpc.kernel_cache import discard_stale
 from vehicle.inertia import _body, _mass_spring, _regression
 
-MODULES = (_ekf, _ukf, _mass_spring, _body, _regression)
+MODULES = (_small, _ekf, _ukf, _mass_spring, _body, _regression)
 
 discard_stale(MODULES, "inertia")
