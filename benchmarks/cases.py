@@ -65,8 +65,9 @@ class Case:
         rows, nodes = self.penalty_kg.shape
         steps = self.stages.power_W.shape[0]
         kept, offset = np.empty((steps + 1, 2, rows, nodes), np.float32), np.empty(steps + 1)
+        last = np.array([self.terminal_kg, self.terminal_kg])
         first: Array = sweep(
-            self.grid, self.scalars, self.stages, self.penalty_kg, self.terminal_kg, kept, offset
+            self.grid, self.scalars, self.stages, self.penalty_kg, last, False, kept, offset
         )
         return first
 
@@ -94,7 +95,7 @@ def stochastic_case(problem: Problem) -> Case:
 def certain_case(problem: Problem) -> Case:
     """Prepare the deterministic program over (SOC, engine state)."""
     nodes = soc_nodes(problem.concept, problem.settings, problem.settings.deterministic_soc_step)
-    grid = deterministic_grid(nodes, problem.pack, problem.step_s)
+    grid = deterministic_grid(nodes, problem.pack)
     penalties = node_penalties(problem, nodes, np.zeros(1), grid.soc_step)
     spread = np.zeros((1, nodes.size))
     return Case(grid, problem.scalars, problem.stages, *penalties, spread, _inside(problem, nodes))

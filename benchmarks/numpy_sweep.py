@@ -1,7 +1,7 @@
 """The two programs in vectorised NumPy: the project's algorithm, array operations over (control, SOC node).
 
-The stochastic one smooths the cost-to-go once per variance row, as the kernel does. It chooses the variance
-levels node by node, the kernel for runs of nodes; where the runs are right the two agree to rounding.
+The stochastic one takes the expectation once per variance row and node, as a cubic in the current, as the
+kernel does; the two agree to rounding.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases import Case
+from ems._lanes import SHARES
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -79,18 +80,24 @@ def slopes(value: Array) -> Array:
     return central
 
 
-def smoothed(case: Case, after: Array, row: int, first: int, last: int) -> tuple[Array, Array]:
-    """Values and slopes of the smoothed cost-to-go, shape (2, last - first + 1, n)."""
-    operator = int(case.grid.operator[row, 0])
-    half, middle = int(case.grid.taps[operator]), case.grid.weights.shape[1] // 2
-    weights = case.grid.weights[operator, middle - half : middle + half + 1]
-    padded = np.pad(after[:, first : last + 1], ((0, 0), (0, 0), (half, half)), mode="edge")
-    n = after.shape[2]
-    sums = np.zeros_like(padded[..., :n])
-    for t in range(2 * half + 1):
-        sums += weights[t] * padded[..., t : t + n]
-    tables = best_of_both(sums[0], sums[1], case.scalars.start_cost_kg)
-    return tables, slopes(tables)
+def expectation(case: Case, after: Array, row: int) -> tuple[Array, Array]:
+    """Values and slopes of the expected cost-to-go, shape (4, 2, n): coefficients of the current's powers."""
+    grid, n = case.grid, after.shape[2]
+    middle = grid.weights.shape[1] // 2
+    at: Array = np.zeros((len(SHARES), 2, n))
+    for q, (source, operator, half) in enumerate(grid.plan[row]):
+        weights = grid.weights[operator, middle - half : middle + half + 1, :n]
+        padded = np.pad(after[:, source], ((0, 0), (half, half)), mode="edge")
+        sums = np.zeros((2, n))
+        for t in range(2 * half + 1):
+            sums += weights[t] * padded[:, t : t + n]
+        at += grid.share[row, q, :, None, :n] * best_of_both(sums[0], sums[1], case.scalars.start_cost_kg)
+    return powers(at), powers(slopes(at))
+
+
+def powers(at: Array) -> Array:
+    """Coefficients of the powers of the current's share, from values at `SHARES` along the first axis."""
+    return np.tensordot(np.linalg.inv(np.vander(SHARES, increasing=True)), at, axes=1)
 
 
 def hermite(part: Array) -> tuple[Array, Array, Array, Array]:
@@ -124,25 +131,18 @@ def look_up(
     case: Case, after: Array, moves: Moves, weights: tuple[Array, Array, Array, Array], row: int
 ) -> Array:
     """Expected cost-to-go of every (control, node) from one variance row, shape (C, n)."""
-    grid = case.grid
-    level, n = grid.level, grid.ocv_V.size
-    variance = grid.posterior[row] + case.scalars.drift_per_A * moves.amps
-    q = np.clip((np.sqrt(variance) / grid.level_step - 0.5).astype(np.int64), 0, level.size - 3)
-    first, last = int(q.min()), int(q.max()) + 2
-    value, slope = smoothed(case, after, row, first, last)
+    value, slope = expectation(case, after, row)
     w0, w1, w2, w3 = weights
-    flat = (q - first) * n + moves.cell
-    flat[1:] += value[0].size
-    p = [level[q], level[q + 1], level[q + 2]]
-    result: Array = np.zeros_like(variance)
-    for m in range(3):
-        a, b = p[m - 2], p[m - 1]
-        share = (variance - a) * (variance - b) / ((p[m] - a) * (p[m] - b))
-        at, above = flat + m * n, flat + (m * n + 1)
-        result += share * (
-            w0 * np.take(value, at)
-            + w1 * np.take(slope, at)
-            + w2 * np.take(value, above)
-            + w3 * np.take(slope, above)
+    x = moves.amps / case.grid.largest_A
+    flat = moves.cell.copy()
+    flat[1:] += after.shape[2]
+    result: Array = np.zeros_like(x)
+    for m in reversed(range(len(SHARES))):
+        result *= x
+        result += (
+            w0 * np.take(value[m], flat)
+            + w1 * np.take(slope[m], flat)
+            + w2 * np.take(value[m], flat + 1)
+            + w3 * np.take(slope[m], flat + 1)
         )
     return result

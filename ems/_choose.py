@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bms._levels import level_weights
-from ems._sdp import Grid, Scalars, repeats, solve_current
+from ems._moves import solve_current
+from ems._sdp import Grid, Scalars, repeats
 
 Array = NDArray[np.float64]
 

@@ -22,44 +22,32 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", error_model="numpy")
 def limit_slope(below: float, here: float, above: float) -> float:
-    """Limit the slope ``here`` by the secants ``below`` and ``above`` of the two neighbouring cells."""
-    if below * above <= 0.0:
-        return 0.0
-    bound = 3.0 * min(abs(below), abs(above))
-    if below > 0.0:
-        return min(max(here, 0.0), bound)
-    return max(min(here, 0.0), -bound)
+    """Limit the slope ``here`` by the secants ``below`` and ``above`` of the two neighbouring cells.
+
+    At an extremum of the nodes both bounds are zero.
+    """
+    highest = 3.0 * max(min(below, above), 0.0)
+    lowest = 3.0 * min(max(below, above), 0.0)
+    return min(max(here, lowest), highest)
 
 
-@njit(cache=True, inline="always")
-def slope_at(before: float, below: float, here: float, above: float, beyond: float) -> float:
-    """Limited slope at ``here`` from the two nodes on either side."""
-    central = (before - 8.0 * below + 8.0 * above - beyond) / 12.0
-    return limit_slope(here - below, central, above - here)
-
-
-@njit(cache=True, nogil=True)
-def node_pairs(value: Array, pad: int, out: Array) -> None:
-    """Fill ``out``, shape (2 (n + 2 pad),), with (value, slope) pairs, constant beyond either end."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def node_slopes(value: Array, slope: Array) -> None:
+    """Fill ``slope``, shape (n,), per cell; n is at least 5."""
     n = value.size
-    for j in range(pad):
-        out[2 * j] = value[0]
-        out[2 * j + 1] = 0.0
-        out[2 * (n + pad + j)] = value[n - 1]
-        out[2 * (n + pad + j) + 1] = 0.0
-    inside = out[2 * pad :]
-    for j in range(2, n - 2):
-        inside[2 * j] = value[j]
-        inside[2 * j + 1] = slope_at(value[j - 2], value[j - 1], value[j], value[j + 1], value[j + 2])
-    for j in (0, 1, n - 2, n - 1):
-        below, above = max(j - 1, 0), min(j + 1, n - 1)
-        central = (value[above] - value[below]) / (above - below)
-        inside[2 * j] = value[j]
-        inside[2 * j + 1] = central
-        if below < j < above:
-            inside[2 * j + 1] = limit_slope(value[j] - value[below], central, value[above] - value[j])
+    # Shifted views: an index that might be negative would keep the loop from being vectorised.
+    before, below, here, above, beyond = value[: n - 4], value[1:], value[2:], value[3:], value[4:]
+    inside = slope[2 : n - 2]
+    for j in range(n - 4):
+        central = (before[j] - beyond[j]) * (1.0 / 12.0) + (above[j] - below[j]) * (2.0 / 3.0)
+        inside[j] = limit_slope(here[j] - below[j], central, above[j] - here[j])
+    for j in (1, n - 2):
+        central = 0.5 * (value[j + 1] - value[j - 1])
+        slope[j] = limit_slope(value[j] - value[j - 1], central, value[j + 1] - value[j])
+    slope[0] = value[1] - value[0]
+    slope[n - 1] = value[n - 1] - value[n - 2]
 
 
 @njit(cache=True, inline="always")

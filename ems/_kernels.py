@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from bms import _filter, _levels
-from ems import _choose, _interpolate, _rollout, _rules, _sdp
+from ems import _blocks, _choose, _expect, _interpolate, _ir, _lanes, _moves, _rollout, _rules, _sdp
 from gpc.kernel_cache import discard_stale
 
-MODULES = (_levels, _filter, _interpolate, _sdp, _choose, _rules, _rollout)
+MODULES = (
+    _levels,
+    _filter,
+    _interpolate,
+    _ir,
+    _lanes,
+    _blocks,
+    _moves,
+    _expect,
+    _sdp,
+    _choose,
+    _rules,
+    _rollout,
+)
 
 discard_stale(MODULES)

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from bms._filter import Filter, at_soc, move_estimate, weigh
 from ems._choose import TRUTH, choose, pack_at
+from ems._moves import solve_current
 from ems._rules import Rules, choose_by_rule
-from ems._sdp import Grid, Scalars, Stages, solve_current
+from ems._sdp import Grid, Scalars, Stages
 
 Array = NDArray[np.float64]
 

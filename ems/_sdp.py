@@ -8,21 +8,24 @@ variance grid and an engine state ``e``:
     J_k(s, p, e) = G(s, p) + \min_{c \in C_e} \Big\{ \ell_k(c, s) +
         \min_{e'} \big[ S(e, e') + E_\nu J_{k+1}(s + h i / Q + \sigma \nu,\; p',\; e') \big] \Big\}
 
-with ``nu`` standard normal. What the code exploits:
+with ``nu`` standard normal. What does not change is computed once:
 
-* fuel and battery power depend on (k, c) alone; current, its cost and the place it moves the estimate to
-  depend on (k, c, s) and are shared by variance rows and engine states;
-* ``sigma`` does not depend on the control, so for each row the cost-to-go is smoothed once, at the nodes, for
-  every row ``p'`` that the currents of this stage can reach (`ems.smoothing`). ``sigma`` is then taken at the
-  node the estimate moves to, not at the one it comes from: a difference of the order of the change of alpha
-  over one step;
-* the choice of ``e'`` is made on the smoothed nodes, so one table per engine state is left for the look-ups;
-* a control moves neighbouring nodes by nearly the same distance, so the nodes fall into a few segments within
-  which the look-up is a shift by a whole number of cells, the same three variance rows, and a cubic with
-  node-wise weights: loops without gathers, branches or square roots, which the compiler vectorises.
+* once for all stages: the smoothing operator of every variance row, and how the levels ``p'`` that its
+  currents can reach are weighed (`ems._expect`);
+* once per stage and control: fuel and battery power, and whether it does the same as the one before;
+* once per (stage, control, node): the circuit, its cost, the cell the estimate moves to (`ems._moves`),
+  shared by variance rows and engine states;
+* once per (stage, row, node): the expectation, as a cubic in the current. ``sigma`` does not depend on the
+  control; it and ``p'`` are taken at the node the estimate moves to, not at the one it comes from: a
+  difference of the order of the change of alpha over one step;
+* what is left per (stage, control, node, row) is 19 multiply-adds on numbers that lie side by side
+  (`ems._lanes`).
 
-The look-up is a limited cubic in SOC (or linear, `ems._interpolate`) and quadratic in ``p`` through three
-rows, which are uniform in ``sqrt(p)``. Beyond its ends the cost-to-go is constant: an estimate that leaves
+A program without noise has one row and one level. Its nodes are the vector then: neighbouring nodes move by
+the same whole number of cells, so blocks of nodes read the cost-to-go in one run. The numbers are the same.
+
+The look-up is a limited cubic in SOC (or linear, `ems._interpolate`), quadratic in ``p`` through three rows,
+which are uniform in ``sqrt(p)``, and cubic in the current through four currents. An estimate that leaves
 the grid is held at its end. The same kernel solves the three dynamic programs of the house; rows and
 smoothing operators make the difference (`ems.problem`).
 """
@@ -35,13 +38,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._levels import first_level
-from ems._interpolate import hermite_weights, node_pairs
+from ems._expect import expect_row, lay_down, least_next, pad
+from ems._ir import fma
+from ems._lanes import ENTRIES, LANES, WEIGHTS, lowest_at_node
+from ems._moves import costs, currents, look_up_weights, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SEGMENT = 48  # most nodes of a segment
+BLOCK = 64  # nodes that are looked up in one run where they move by the same number of cells
 
 
 class Grid(NamedTuple):
@@ -54,14 +59,16 @@ class Grid(NamedTuple):
     charge_ohm: Array  # (n,)
     current_low_A: Array  # (n,)
     current_high_A: Array  # (n,)
+    largest_A: float  # no current is larger
     level_step: float  # spacing of sqrt(variance) between the target levels
     level: Array  # (q,) variances of the target levels
-    posterior: Array  # (r, n) part of the level coordinate that does not depend on the current
-    source_row: Ints  # (r, q) row of J that target level q of row r smooths
-    operator: Ints  # (r, q) smoothing operator that it uses
-    weights: Array  # (operators, taps, n) smoothing weights, taps centred on the node
-    taps: Ints  # (operators,) taps of each operator to either side that are not all zero
-    pad: int  # nodes by which a look-up may pass the ends of the grid
+    posterior: Array  # (r, n) next variance without current
+    weights: Array  # (operators, taps, n and some) smoothing weights, taps centred on the node
+    plan: Ints  # (r, most levels, 3) level of J, operator and taps to either side of the levels a row reaches
+    levels: (
+        Ints  # (r, blocks, 2) first of these levels that a block of nodes uses, and the one after the last
+    )
+    share: Array  # (r, most levels, CURRENTS, n and some) their weights at each of the currents
     cubic: bool  # cubic look-ups in SOC, or linear ones
 
 
@@ -84,19 +91,6 @@ class Scalars(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def solve_current(
-    power_W: float, ocv_V: float, discharge_ohm: float, charge_ohm: float, low_A: float, high_A: float
-) -> tuple[float, float]:
-    """Current in A at a terminal power, within the limits, and the discharge power in W they withhold."""
-    ohm = discharge_ohm if power_W < 0.0 else charge_ohm
-    root = np.sqrt(max(ocv_V * ocv_V + 4.0 * ohm * power_W, 0.0))
-    current_A = 2.0 * power_W / (ocv_V + root)
-    if current_A < low_A:
-        return low_A, low_A * (ocv_V + discharge_ohm * low_A) - power_W
-    return min(current_A, high_A), 0.0
-
-
-@njit(cache=True, inline="always")
 def repeats(power_W: Array, cost_kg: Array, control: int) -> bool:
     """Whether a control does the same as the one before: the clutch cannot close, or a limit binds."""
     return bool(
@@ -104,234 +98,181 @@ def repeats(power_W: Array, cost_kg: Array, control: int) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
-def _smooth(padded: Array, weights: Array, out: Array) -> None:
-    """Apply a smoothing operator, shape (taps, n), to values padded by taps // 2 nodes on either side."""
-    taps, n = weights.shape
-    out[:] = 0.0
-    for t in range(taps):
-        row = weights[t]
-        values = padded[t : t + n]
-        for j in range(n):
-            out[j] += row[j] * values[j]
+@njit(cache=True, nogil=True, error_model="numpy")
+def control_moves(
+    grid: Grid,
+    scalars: Scalars,
+    power_W: float,
+    cost_kg: float,
+    current_A: Array,
+    cost: Array,
+    place: Ints,
+    part: Array,
+) -> None:
+    """Fill what one control does at every node: its cost, the cell that it leads to, and where in that."""
+    price = scalars.step_s * scalars.shortfall_kg_per_J
+    discharges = power_W < 0.0
+    ohm = grid.discharge_ohm if discharges else grid.charge_ohm
+    currents(power_W, grid.ocv_V, ohm, grid.current_low_A, grid.current_high_A, current_A)
+    if discharges:
+        costs(power_W, cost_kg, price, grid.ocv_V, ohm, grid.current_low_A, current_A, cost)
+    else:
+        cost[:] = cost_kg
+    places(scalars.charge_to_soc / grid.soc_step, current_A, place, part)
 
 
-@njit(cache=True, nogil=True)
-def _pad(value: Array, pad: int, out: Array) -> None:
-    """Copy ``value`` into the middle of ``out`` and hold it constant over ``pad`` nodes beyond either end."""
-    n = value.size
-    out[:pad] = value[0]
-    out[pad : pad + n] = value
-    out[pad + n : 2 * pad + n] = value[n - 1]
-
-
-@njit(cache=True, nogil=True)
-def _stage_moves(
+@njit(cache=True, nogil=True, error_model="numpy")
+def rows_stage(
     grid: Grid,
     scalars: Scalars,
     power_W: Array,
     cost_kg: Array,
-    amps: Array,
+    after: Array,
+    lanes: int,
+    table: Array,
+    padded: Array,
+    plan: Ints,
+    entries: Array,
+    current_A: Array,
     cost: Array,
+    place: Ints,
     part: Array,
-    shift: Ints,
-) -> float:
-    """Solve the circuit for every (control, node): |current|, cost with shortfall, move along the grid.
-
-    A move is a shift by whole cells and the part of a cell. Returns the largest absolute current.
-    """
-    n = grid.ocv_V.size
-    largest = 0.0
-    for c in range(power_W.size):
-        if repeats(power_W, cost_kg, c):
-            continue
-        for j in range(n):
-            i, missing_W = solve_current(
-                power_W[c],
-                grid.ocv_V[j],
-                grid.discharge_ohm[j],
-                grid.charge_ohm[j],
-                grid.current_low_A[j],
-                grid.current_high_A[j],
-            )
-            amps[c, j] = abs(i)
-            largest = max(largest, abs(i))
-            cost[c, j] = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
-            move = min(max(scalars.charge_to_soc * i / grid.soc_step, -float(j)), n - 1.0 - j)
-            cells = int(np.floor(move))
-            shift[c, j] = cells
-            part[c, j] = move - cells
-    return largest
-
-
-@njit(cache=True, nogil=True)
-def _segments(shift: Ints, bounds: Ints) -> int:
-    """Split the nodes into segments of equal shift, at most SEGMENT long; return their number."""
-    count = 0
-    start = 0
-    bounds[0] = 0
-    for j in range(1, shift.size + 1):
-        if j == shift.size or shift[j] != shift[start] or j - start == SEGMENT:
-            count += 1
-            bounds[count] = j
-            start = j
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _expect(
-    grid: Grid, scalars: Scalars, row: int, after: Array, first: int, last: int, table: Array, work: Array
-) -> None:
-    """Fill ``table[e, q]``, q in first..last: smoothed cost-to-go, least over the next engine state."""
-    n = grid.ocv_V.size
-    half = grid.weights.shape[1] // 2
-    off, on = work[0], work[1]
-    padded = work[2]
-    for q in range(first, last + 1):
-        weights = grid.weights[grid.operator[row, q]]
-        half = grid.taps[grid.operator[row, q]]
-        middle = weights.shape[0] // 2
-        weights = weights[middle - half : middle + half + 1]
-        _pad(after[0, grid.source_row[row, q]], half, padded)
-        _smooth(padded, weights, off[:n])
-        _pad(after[1, grid.source_row[row, q]], half, padded)
-        _smooth(padded, weights, on[:n])
-        for j in range(n):
-            stay, go = off[j], on[j]
-            off[j] = min(stay, go + scalars.start_cost_kg)
-            on[j] = min(stay, go)
-        node_pairs(off[:n], grid.pad, table[0, q])
-        node_pairs(on[:n], grid.pad, table[1, q])
-
-
-@njit(cache=True, nogil=True)
-def _one_level(part: Array, cost: Array, pairs: Array, cubic: bool, best: Array) -> None:
-    """Lower ``best`` by one control over one segment, where the cost-to-go has a single variance level."""
-    for j in range(best.size):
-        w0, w1, w2, w3 = hermite_weights(part[j], cubic)
-        i = 2 * j
-        value = cost[j] + w0 * pairs[i] + w1 * pairs[i + 1] + w2 * pairs[i + 2] + w3 * pairs[i + 3]
-        best[j] = min(best[j], value)
-
-
-@njit(cache=True, nogil=True)
-def _three_levels(
-    part: Array,
-    cost: Array,
-    amps: Array,
-    posterior: Array,
-    per_A: float,
-    levels: Array,
-    low: Array,
-    mid: Array,
-    high: Array,
-    cubic: bool,
+    weights: Array,
     best: Array,
+    now: Array,
 ) -> None:
-    """Lower ``best`` by one control over one segment: cubic (or linear) in SOC, quadratic in variance."""
-    p0, p1, p2 = levels[0], levels[1], levels[2]
-    s0 = 1.0 / ((p0 - p1) * (p0 - p2))
-    s1 = 1.0 / ((p1 - p0) * (p1 - p2))
-    s2 = 1.0 / ((p2 - p0) * (p2 - p1))
+    """One stage, variance rows side by side; ``now`` is filled without the penalty."""
+    rows, n = after.shape[1], after.shape[2]
+    count = 0
+    for c in range(power_W.size):
+        if not repeats(power_W, cost_kg, c):
+            control_moves(grid, scalars, power_W[c], cost_kg[c], current_A, cost[count], place[count], part)
+            look_up_weights(grid.cubic, 1.0 / grid.largest_A, current_A, part, weights[count])
+            count += 1
+    pad(after, grid.weights.shape[1] // 2, padded)
+    for r in range(rows):
+        expect_row(
+            r,
+            padded,
+            scalars.start_cost_kg,
+            grid.cubic,
+            plan,
+            grid.levels,
+            grid.weights,
+            grid.share,
+            n,
+            entries,
+        )
+    lay_down(entries, n, table)
+    for e in range(2):
+        first, last = (1, count) if e else (0, 1)
+        for j in range(n):
+            lowest_at_node(table[e], lanes, place, weights, cost, j, first, last, best[e])
+        for r in range(rows):
+            lift(best[e], r, lanes, now[e, r])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lift(best: Array, row: int, lanes: int, out: Array) -> None:
+    """Take one row out of a flat array (n, lanes)."""
+    for j in range(out.size):
+        out[j] = best[j * lanes + row]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _same_move(place: Ints) -> bool:
+    """Whether the nodes all move by the same number of cells."""
+    other = 0
+    base = place[0]
+    for j in range(place.size):
+        other |= (place[j] - j) ^ base
+    return other == 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lower_run(part: Array, cost: Array, value: Array, best: Array) -> None:
+    """Lower ``best`` by one control over a run of nodes, linear in SOC."""
     for j in range(best.size):
-        x = posterior[j] + per_A * amps[j]
-        x0, x1, x2 = x - p0, x - p1, x - p2
-        a, b, c = x1 * x2 * s0, x0 * x2 * s1, x0 * x1 * s2
-        w0, w1, w2, w3 = hermite_weights(part[j], cubic)
-        i = 2 * j
-        value = w0 * (a * low[i] + b * mid[i] + c * high[i])
-        value += w1 * (a * low[i + 1] + b * mid[i + 1] + c * high[i + 1])
-        value += w2 * (a * low[i + 2] + b * mid[i + 2] + c * high[i + 2])
-        value += w3 * (a * low[i + 3] + b * mid[i + 3] + c * high[i + 3])
-        best[j] = min(best[j], cost[j] + value)
+        t = part[j]
+        found = cost[j] + fma(t, value[j + 1], (1.0 - t) * value[j])
+        best[j] = min(best[j], found)
 
 
-@njit(cache=True, nogil=True)
-def _same_levels(
-    level_step: float, count: int, posterior: Array, per_A: float, amps: Array, lo: int, hi: int
-) -> tuple[int, int]:
-    """Halve the nodes lo..hi until first, middle and last have the same levels; return these and the end.
-
-    A parabola used beyond its levels would extrapolate, and a recursion that extrapolates blows up.
-    """
-    q = first_level(level_step, count, posterior[lo] + per_A * amps[lo])
-    end = hi
-    while end - lo > 1:
-        middle, last = (lo + end) // 2, end - 1
-        if (
-            first_level(level_step, count, posterior[middle] + per_A * amps[middle]) == q
-            and first_level(level_step, count, posterior[last] + per_A * amps[last]) == q
-        ):
-            break
-        end = middle
-    return q, end
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lower_each(place: Ints, part: Array, cost: Array, value: Array, best: Array) -> None:
+    """Lower ``best`` by one control at every node, whatever the move; the numbers of `_lower_run`."""
+    for j in range(best.size):
+        at, t = place[j], part[j]
+        found = cost[j] + fma(t, value[at + 1], (1.0 - t) * value[at])
+        best[j] = min(best[j], found)
 
 
-@njit(cache=True, nogil=True)
-def _minimise(
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lower_nodes(place: Ints, part: Array, cost: Array, value: Array, best: Array) -> None:
+    """Lower ``best`` by one control at every node, in runs where the nodes move alike."""
+    n = best.size
+    lo = 0
+    while lo < n:
+        hi = min(lo + BLOCK, n)
+        first = place[lo]
+        if _same_move(place[lo:hi]):
+            _lower_run(part[lo:hi], cost[lo:hi], value[first : first + hi - lo + 1], best[lo:hi])
+        else:
+            _lower_each(place[lo:hi], part[lo:hi], cost[lo:hi], value, best[lo:hi])
+        lo = hi
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nodes_stage(
     grid: Grid,
     scalars: Scalars,
-    row: int,
-    control: int,
-    amps: Array,
+    power_W: Array,
+    cost_kg: Array,
+    after: Array,
+    value: Array,
+    current_A: Array,
     cost: Array,
+    place: Ints,
     part: Array,
-    shift: Ints,
-    bounds: Ints,
-    segments: int,
-    table: Array,
-    best: Array,
+    now: Array,
 ) -> None:
-    """Lower ``best`` by one control at every node."""
-    posterior = grid.posterior[row]
-    for g in range(segments):
-        lo, hi = bounds[g], bounds[g + 1]
-        start = 2 * (lo + shift[lo] + grid.pad)
-        stop = start + 2 * (hi - lo) + 2
-        if grid.level.size == 1:
-            _one_level(part[lo:hi], cost[lo:hi], table[0, start:stop], grid.cubic, best[lo:hi])
-            continue
-        while lo < hi:
-            q, end = _same_levels(
-                grid.level_step, grid.level.size, posterior, scalars.drift_per_A, amps, lo, hi
-            )
-            stop = start + 2 * (end - lo) + 2
-            _three_levels(
-                part[lo:end],
-                cost[lo:end],
-                amps[lo:end],
-                posterior[lo:end],
-                scalars.drift_per_A,
-                grid.level[q : q + 3],
-                table[q, start:stop],
-                table[q + 1, start:stop],
-                table[q + 2, start:stop],
-                grid.cubic,
-                best[lo:end],
-            )
-            start += 2 * (end - lo)
-            lo = end
+    """One stage of a program without noise, linear in SOC; ``now`` is filled without the penalty."""
+    n = after.shape[2]
+    value[:, :n] = after[:, 0]
+    least_next(scalars.start_cost_kg, value[0, :n], value[1, :n])
+    value[0, n], value[1, n] = value[0, n - 1], value[1, n - 1]
+    now[:] = np.inf
+    for c in range(power_W.size):
+        if not repeats(power_W, cost_kg, c):
+            control_moves(grid, scalars, power_W[c], cost_kg[c], current_A, cost, place, part)
+            engine = min(c, 1)
+            _lower_nodes(place, part, cost, value[engine], now[engine, 0])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sweep(
     grid: Grid,
     scalars: Scalars,
     stages: Stages,
     penalty: Array,
-    terminal: Array,
+    last: Array,
+    general: bool,
     kept: NDArray[np.float32],
     offset: Array,
 ) -> Array:
-    """Solve backwards and keep the cost-to-go of every stage.
+    """Solve backwards, and keep the cost-to-go of every stage if there is room for it.
 
     Parameters
     ----------
     grid, scalars, stages
-        The problem.
-    penalty, terminal : ndarray, shape (r, n)
-        Expected running and terminal penalty in kg.
-    kept : ndarray of float32, shape (N + 1, 2, r, n)
+        The problem, or a part of its stages.
+    penalty : ndarray, shape (r, n)
+        Expected running penalty in kg.
+    last : ndarray, shape (2, r, n)
+        Cost-to-go after the last of the stages: the terminal penalty, or that of a later stage.
+    general : bool
+        Take no short cut for a program without noise; the numbers are the same.
+    kept : ndarray of float32, shape (N + 1, 2, r, n), or (0, 2, r, n)
         Filled with ``J_k - offset[k]``.
     offset : ndarray, shape (N + 1,)
         Filled with the least cost-to-go of each stage, so that single precision resolves the differences.
@@ -339,62 +280,95 @@ def sweep(
     Returns
     -------
     ndarray, shape (2, r, n)
-        ``J_0`` in double precision.
+        ``J`` before the first of the stages, in double precision.
     """
     steps, controls = stages.power_W.shape
     rows, n = penalty.shape
-    levels = grid.level.size
-    after = np.empty((2, rows, n))
-    now = np.empty((2, rows, n))
-    after[0] = terminal
-    after[1] = terminal
-    amps = np.empty((controls, n))
-    cost = np.empty((controls, n))
-    part = np.empty((controls, n))
-    shift = np.empty((controls, n), np.int64)
-    bounds = np.empty((controls, n + 1), np.int64)
-    segments = np.empty(controls, np.int64)
-    table = np.empty((2, levels, 2 * (n + 2 * grid.pad)))
-    work = np.empty((3, n + grid.weights.shape[1]))
-    offset[steps] = terminal.min()
-    kept[steps] = (after - offset[steps]).astype(np.float32)
+    single = grid.level.size == 1 and not grid.cubic and not general
+    lanes = rows if rows == 1 else (rows + LANES - 1) // LANES * LANES
+    many = 1 if single else controls
+    after, now = last.copy(), np.empty((2, rows, n))
+    cost, part = np.empty((many, n)), np.empty(n)
+    place = np.empty((many, n), np.int64)
+    current_A = np.empty(n)
+    weights = np.empty((many, WEIGHTS, n))
+    wide = grid.share.shape[3]
+    table = np.zeros((2, (wide + 1) * (ENTRIES * lanes if not single else 1)))
+    best = np.empty((2, n * lanes))
+    padded = np.empty((2, rows, wide + grid.weights.shape[1] - 1))
+    plan = elements(grid.plan, padded.shape[2], grid.weights)
+    entries = np.zeros((lanes, 2, ENTRIES, wide))
+    lowest = np.empty(n)
+    keep = kept.shape[0] > 0
+    least = float(after.min())
+    offset[steps] = least
+    if keep:
+        keep_stage(after, least, kept[steps])
     for k in range(steps - 1, -1, -1):
-        largest_A = _stage_moves(grid, scalars, stages.power_W[k], stages.cost_kg[k], amps, cost, part, shift)
-        for c in range(controls):
-            same = repeats(stages.power_W[k], stages.cost_kg[k], c)
-            segments[c] = 0 if same else _segments(shift[c], bounds[c])
-        for r in range(rows):
-            first, last = 0, 0
-            if levels > 1:
-                first = first_level(grid.level_step, levels, grid.posterior[r].min())
-                last = (
-                    first_level(
-                        grid.level_step, levels, grid.posterior[r].max() + scalars.drift_per_A * largest_A
-                    )
-                    + 2
-                )
-            _expect(grid, scalars, r, after, first, last, table, work)
-            now[:, r] = np.inf
-            for c in range(controls):
-                engine = min(c, 1)
-                _minimise(
-                    grid,
-                    scalars,
-                    r,
-                    c,
-                    amps[c],
-                    cost[c],
-                    part[c],
-                    shift[c],
-                    bounds[c],
-                    segments[c],
-                    table[engine],
-                    now[engine, r],
-                )
-            for j in range(n):
-                now[0, r, j] += penalty[r, j]
-                now[1, r, j] += penalty[r, j]
+        power_W, cost_kg = stages.power_W[k], stages.cost_kg[k]
+        if single:
+            nodes_stage(
+                grid, scalars, power_W, cost_kg, after, table, current_A, cost[0], place[0], part, now
+            )
+        else:
+            rows_stage(
+                grid,
+                scalars,
+                power_W,
+                cost_kg,
+                after,
+                lanes,
+                table,
+                padded,
+                plan,
+                entries,
+                current_A,
+                cost,
+                place,
+                part,
+                weights,
+                best,
+                now,
+            )
+        lowest[:] = np.inf
+        for e in range(2):
+            for r in range(rows):
+                add_penalty(penalty[r], now[e, r], lowest)
+        least = float(lowest.min())
         after, now = now, after
-        offset[k] = after.min()
-        kept[k] = (after - offset[k]).astype(np.float32)
+        offset[k] = least
+        if keep:
+            keep_stage(after, least, kept[k])
     return after
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def elements(plan: Ints, width: int, weights: Array) -> Ints:
+    """Turn a plan's levels and operators into places in the flat arrays that `expect_block` reads."""
+    result = np.empty_like(plan)
+    middle = weights.shape[1] // 2
+    for r in range(plan.shape[0]):
+        for q in range(plan.shape[1]):
+            source, operator, half = plan[r, q]
+            result[r, q, 0] = source * width + middle - half
+            result[r, q, 1] = (operator * weights.shape[1] + middle - half) * weights.shape[2]
+            result[r, q, 2] = 2 * half + 1
+    return result
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_penalty(penalty: Array, value: Array, lowest: Array) -> None:
+    """Add the penalty of a row, and lower ``lowest`` to the sums."""
+    for j in range(value.size):
+        value[j] += penalty[j]
+        lowest[j] = min(lowest[j], value[j])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keep_stage(value: Array, offset: float, kept: NDArray[np.float32]) -> None:
+    """Keep a stage in single precision."""
+    for e in range(value.shape[0]):
+        for r in range(value.shape[1]):
+            row, out = value[e, r], kept[e, r]
+            for j in range(row.size):
+                out[j] = np.float32(row[j] - offset)

@@ -23,6 +23,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bms import Pack, UncertaintyModel
 from bms.uncertainty import innovation_spread, posterior_variance, steady_variance
+from ems._blocks import NODES
+from ems._lanes import CURRENTS, SHARES
 from ems._sdp import Grid
 from ems.concept import Concept
 from ems.smoothing import smoothing_weights
@@ -119,7 +121,7 @@ def stochastic_grid(
     return _grid(
         nodes,
         pack,
-        step_s,
+        step_s * uncertainty.beta,
         level=variances,
         posterior=posterior_variance(prior, measured) + step_s * uncertainty.gamma,
         source_row=np.tile(np.arange(rows), (rows, 1)),
@@ -139,27 +141,27 @@ def perfect_information_grid(
     return _grid(
         nodes,
         pack,
-        step_s,
+        step_s * uncertainty.beta,
         level=np.square(spread),
         posterior=np.full((1, nodes.size), step_s * uncertainty.gamma),
-        source_row=np.zeros((1, levels)),
+        source_row=np.zeros((1, levels), dtype=np.int64),
         operator=np.arange(levels)[None, :],
         spread=np.tile(spread[:, None], (1, nodes.size)),
         cubic=cubic,
     )
 
 
-def deterministic_grid(nodes: Array, pack: Pack, step_s: float, cubic: bool = False) -> Grid:
+def deterministic_grid(nodes: Array, pack: Pack, cubic: bool = False) -> Grid:
     """Build the grid of the program without noise; see `ems._interpolate` for why it is linear by default."""
     one = np.zeros((1, nodes.size))
     return _grid(
         nodes,
         pack,
-        step_s,
+        0.0,
         level=np.zeros(1),
         posterior=one,
-        source_row=one[:, :1],
-        operator=one[:, :1],
+        source_row=np.zeros((1, 1), dtype=np.int64),
+        operator=np.zeros((1, 1), dtype=np.int64),
         spread=one,
         cubic=cubic,
     )
@@ -168,12 +170,12 @@ def deterministic_grid(nodes: Array, pack: Pack, step_s: float, cubic: bool = Fa
 def _grid(
     nodes: Array,
     pack: Pack,
-    step_s: float,
+    drift_per_A: float,
     *,
     level: Array,
     posterior: Array,
-    source_row: NDArray[np.generic],
-    operator: NDArray[np.generic],
+    source_row: NDArray[np.int64],
+    operator: NDArray[np.int64],
     spread: Array,
     cubic: bool,
 ) -> Grid:
@@ -185,7 +187,17 @@ def _grid(
     weights[~used] = 0.0
     weights /= weights.sum(axis=1, keepdims=True)
     distance = np.abs(np.arange(weights.shape[1]) - weights.shape[1] // 2)
-    fastest = max(pack.discharge_limit_A, pack.charge_limit_A) * step_s / pack.capacity_C
+    half = np.array([int(distance[row].max()) for row in used])
+    largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
+    shares = _level_shares(level, posterior, drift_per_A * largest_A)
+    first, most = _reached(shares)
+    plan = np.zeros((first.size, most, 3), dtype=np.int64)
+    share = np.zeros((first.size, most, CURRENTS, _whole_blocks(nodes.size)))
+    for row, lowest in enumerate(first):
+        reached = slice(lowest, lowest + most)
+        plan[row, :, 0], plan[row, :, 1] = source_row[row, reached], operator[row, reached]
+        share[row, ..., : nodes.size] = shares[row, reached]
+    plan[..., 2] = half[plan[..., 1]]
     return Grid(
         soc_first=float(nodes[0]),
         soc_step=soc_step,
@@ -194,13 +206,69 @@ def _grid(
         charge_ohm=charge_ohm,
         current_low_A=low_A,
         current_high_A=high_A,
+        largest_A=largest_A,
         level_step=float(np.sqrt(level[-1])) / (level.size - 1) if level.size > 1 else 1.0,
         level=np.ascontiguousarray(level, dtype=np.float64),
         posterior=np.ascontiguousarray(posterior, dtype=np.float64),
-        source_row=np.ascontiguousarray(source_row, dtype=np.int64),
-        operator=np.ascontiguousarray(operator, dtype=np.int64),
-        weights=weights,
-        taps=np.array([int(distance[row].max()) for row in used], dtype=np.int64),
-        pad=math.ceil(fastest / soc_step) + 2,
+        weights=np.pad(weights, ((0, 0), (0, 0), (0, share.shape[-1] - nodes.size))),
+        plan=plan,
+        levels=_levels_of_blocks(share),
+        share=share,
         cubic=cubic,
     )
+
+
+def _whole_blocks(nodes: int) -> int:
+    return -(-nodes // NODES) * NODES
+
+
+def _level_shares(level: Array, posterior: Array, widest: float) -> Array:
+    """Weights of the levels at each of the currents, for every row and node.
+
+    Parameters
+    ----------
+    level : ndarray, shape (q,)
+        Variances of the levels.
+    posterior : ndarray, shape (r, n)
+        Next variance without current.
+    widest : float
+        What the largest current adds to it.
+
+    Returns
+    -------
+    ndarray, shape (r, q, CURRENTS, n)
+        Weights of the parabola through the three levels around each variance.
+    """
+    rows, nodes = posterior.shape
+    share = np.zeros((rows, level.size, CURRENTS, nodes))
+    if level.size == 1:
+        share[:] = 1.0
+        return share
+    step = math.sqrt(level[-1]) / (level.size - 1)
+    row, node = np.ogrid[:rows, :nodes]
+    for m, part in enumerate(SHARES):
+        variance = posterior + part * widest
+        q = np.clip((np.sqrt(variance) / step - 0.5).astype(np.int64), 0, level.size - 3)
+        x = [variance - level[q + i] for i in range(3)]
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            norm = (level[q + i] - level[q + a]) * (level[q + i] - level[q + b])
+            share[row, q + i, m, node] = x[a] * x[b] / norm
+    return share
+
+
+def _reached(shares: Array) -> tuple[NDArray[np.int64], int]:
+    """First of the levels that each row keeps, and how many: as many for each as the widest needs."""
+    used = np.any(shares != 0.0, axis=(2, 3))
+    first = used.argmax(axis=1)
+    most = int((used.shape[1] - used[:, ::-1].argmax(axis=1) - first).max())
+    return np.minimum(first, used.shape[1] - most), most
+
+
+def _levels_of_blocks(share: Array) -> NDArray[np.int64]:
+    """First kept level that each block of nodes uses, and the one after the last, shape (r, blocks, 2)."""
+    rows, most, _, wide = share.shape
+    used = np.any(share.reshape(rows, most, CURRENTS, wide // NODES, NODES) != 0.0, axis=(2, 4))
+    first = used.argmax(axis=1)
+    last = most - used[:, ::-1].argmax(axis=1)
+    return np.ascontiguousarray(np.stack((first, last), axis=-1), dtype=np.int64)

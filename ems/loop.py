@@ -13,8 +13,9 @@ from bms.estimators import Estimator
 from bms.plants import Plant
 from bms.plants.sensed import SensedPlant
 from ems._choose import pack_at
+from ems._moves import solve_current
 from ems._rollout import Tracks
-from ems._sdp import Grid, solve_current
+from ems._sdp import Grid
 from ems.policies import Policy
 from ems.problem import Problem
 from ems.records import Rollout

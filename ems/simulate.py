@@ -110,7 +110,7 @@ def allocate_tracks(realizations: int, steps: int) -> Tracks:
 
 def plant_grid(problem: Problem) -> Grid:
     """Tabulate the pack over all SOC, for the plant's circuit."""
-    return deterministic_grid(np.linspace(0.0, 1.0, PACK_NODES), problem.pack, problem.step_s)
+    return deterministic_grid(np.linspace(0.0, 1.0, PACK_NODES), problem.pack)
 
 
 def summarise(problem: Problem, tracks: Tracks, *, belief_space: bool = False) -> Rollout:

@@ -79,7 +79,8 @@ def solve(problem: Problem, grid: Grid, penalty_kg: Array, terminal_kg: Array) -
     cost_to_go = np.empty((problem.steps + 1, 2, rows, nodes), dtype=np.float32)
     offset = np.empty(problem.steps + 1)
     started = time.thread_time()
-    first = sweep(grid, problem.scalars, problem.stages, penalty_kg, terminal_kg, cost_to_go, offset)
+    last = np.ascontiguousarray(np.stack((terminal_kg, terminal_kg)))
+    first = sweep(grid, problem.scalars, problem.stages, penalty_kg, last, False, cost_to_go, offset)
     return Solution(grid, cost_to_go, offset, first, time.thread_time() - started)
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ems._sdp import SEGMENT
+from ems._lanes import SHARES
 
 
 def current(power_W, ocv_V, discharge_ohm, charge_ohm, low_A, high_A):
@@ -73,23 +73,34 @@ def parabola(level, q, x):
     ]
 
 
+def lagrange(nodes, x):
+    """Weights of the polynomial through nodes."""
+    return [math.prod((x - other) / (node - other) for other in nodes if other != node) for node in nodes]
+
+
 def lowest_level(grid, variance):
     return max(0, min(int(math.sqrt(variance) / grid.level_step - 0.5), len(grid.level) - 3))
 
 
-def node_levels(grid, shift, variance):
-    """The lowest of the three levels that each node uses: one for a run of nodes whose probes agree."""
-    n, start, levels = len(shift), 0, np.empty(len(shift), dtype=int)
-    wanted = [lowest_level(grid, v) for v in variance]
-    for j in range(1, n + 1):
-        if j == n or shift[j] != shift[start] or j - start == SEGMENT:
-            while start < j:
-                end = j
-                while end - start > 1 and len({wanted[i] for i in (start, (start + end) // 2, end - 1)}) > 1:
-                    end = (start + end) // 2
-                levels[start:end] = wanted[start]
-                start = end
-    return levels
+def expectation(grid, scalars, after, r):
+    """Expected cost-to-go of a row at every node, at each of the currents, shape (2, currents, n)."""
+    n = len(grid.ocv_V)
+    smoothed = {}
+    for q in range(len(grid.level)):
+        source, operator = (q, r) if len(after[0]) > 1 else (0, q)
+        off, on = (smooth(after[e, source], grid.weights[operator, :, :n]) for e in (0, 1))
+        smoothed[q] = (np.minimum(off, on + scalars.start_cost_kg), np.minimum(off, on))
+    values = np.zeros((2, len(SHARES), n))
+    for m, part in enumerate(SHARES):
+        for j in range(n):
+            variance = grid.posterior[r, j] + scalars.drift_per_A * part * grid.largest_A
+            if len(grid.level) == 1:
+                values[:, m, j] = [smoothed[0][e][j] for e in (0, 1)]
+                continue
+            q = lowest_level(grid, variance)
+            for i, share in enumerate(parabola(grid.level, q, variance)):
+                values[:, m, j] += [share * smoothed[q + i][e][j] for e in (0, 1)]
+    return values
 
 
 def stage(grid, scalars, cost_kg, power_W, after, penalty):
@@ -97,16 +108,10 @@ def stage(grid, scalars, cost_kg, power_W, after, penalty):
     n, rows = len(grid.ocv_V), penalty.shape[0]
     now = np.empty((2, rows, n))
     for r in range(rows):
-        tables = []
-        for q in range(len(grid.level)):
-            weights = grid.weights[grid.operator[r, q]]
-            off = smooth(after[0, grid.source_row[r, q]], weights)
-            on = smooth(after[1, grid.source_row[r, q]], weights)
-            tables.append((np.minimum(off, on + scalars.start_cost_kg), np.minimum(off, on)))
+        values = expectation(grid, scalars, after, r)
         best = np.full((2, n), np.inf)
         for c in range(len(power_W)):
             engine = min(c, 1)
-            moves, amps, cost = np.empty(n), np.empty(n), np.empty(n)
             for j in range(n):
                 i, missing_W = current(
                     power_W[c],
@@ -116,22 +121,13 @@ def stage(grid, scalars, cost_kg, power_W, after, penalty):
                     grid.current_low_A[j],
                     grid.current_high_A[j],
                 )
-                amps[j] = abs(i)
-                cost[j] = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
-                moves[j] = min(max(scalars.charge_to_soc * i / grid.soc_step, -j), n - 1 - j)
-            variance = grid.posterior[r] + scalars.drift_per_A * amps
-            levels = node_levels(grid, np.floor(moves).astype(int), variance)
-            for j in range(n):
-                x = j + moves[j]
-                if len(grid.level) == 1:
-                    value = interpolate(tables[0][engine], x, grid.cubic)
-                else:
-                    q = levels[j]
-                    share = parabola(grid.level, q, variance[j])
-                    value = sum(
-                        share[i] * interpolate(tables[q + i][engine], x, grid.cubic) for i in range(3)
-                    )
-                best[engine, j] = min(best[engine, j], cost[j] + value)
+                cost = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
+                move = min(max(scalars.charge_to_soc * i / grid.soc_step, -j), n - 1 - j)
+                value = sum(
+                    share * interpolate(values[engine, m], j + move, grid.cubic)
+                    for m, share in enumerate(lagrange(SHARES, abs(i) / grid.largest_A))
+                )
+                best[engine, j] = min(best[engine, j], cost + value)
         now[:, r] = best + penalty[r]
     return now
 

@@ -28,7 +28,7 @@ from bms.estimators.catalogue import estimator_names
 from bms.filtering import tabulate_filter
 from ems import GridSettings
 
-SMALL = GridSettings(soc_step=0.0025, deterministic_soc_step=0.002, variance_rows=12, torque_levels=5)
+SMALL = GridSettings(soc_step=0.0025, deterministic_soc_step=0.002, variance_rows=15, torque_levels=5)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,9 @@ def log():
 
 
 @pytest.mark.parametrize("rival", STOCHASTIC, ids=lambda rival: rival.name)
-def test_rivals_of_the_stochastic_solve_agree(stochastic, rival):
+def test_rivals_of_the_stochastic_solve_agree(rival):
+    """Over 200 steps: with few left, the jump of the penalty parts them more at the smallest variances."""
+    stochastic = stochastic_case(hev_problem(200, SMALL))
     assert 0.0 < rival.require_agreement(stochastic, stochastic.solve()) <= rival.tolerance
 
 

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ems._choose import CERTAIN, ESTIMATE, TRUTH, choose, expected_cost_to_go
-from ems._interpolate import hermite_weights, node_pairs
-from ems._sdp import Scalars, Stages, solve_current, sweep
+from ems._interpolate import hermite_weights, node_slopes
+from ems._moves import solve_current
+from ems._sdp import Scalars, Stages, sweep
 from ems.grid import deterministic_grid, perfect_information_grid, soc_nodes, stochastic_grid, variance_rows
 from ems.solution import node_penalties
 
@@ -30,12 +31,16 @@ def build(kind, seed, nodes=None):
     elif kind == "perfect":
         grid = perfect_information_grid(soc, 4, problem.pack, uncertainty, 1.0)
     else:
-        grid = deterministic_grid(soc, problem.pack, 1.0)
+        grid = deterministic_grid(soc, problem.pack)
     penalty, terminal = node_penalties(problem, soc, variances, grid.soc_step)
     steps, controls = 4, 5
     stages = Stages(rng.uniform(0.0, 2e-3, (steps, controls)), rng.uniform(-7e4, 5e4, (steps, controls)))
     scalars = Scalars(1.0, 1.0 / problem.pack.capacity_C, uncertainty.gamma, uncertainty.beta, 4e-4, 1e-6)
     return grid, scalars, stages, penalty, terminal
+
+
+def both(terminal):
+    return np.array([terminal, terminal])
 
 
 @pytest.mark.parametrize("kind", ["stochastic", "perfect", "deterministic"])
@@ -44,7 +49,7 @@ def test_sweep_equals_its_twin(kind, seed):
     grid, scalars, stages, penalty, terminal = build(kind, seed)
     rows, n = penalty.shape
     kept, offset = np.empty((5, 2, rows, n), np.float32), np.empty(5)
-    first = sweep(grid, scalars, stages, penalty, terminal, kept, offset)
+    first = sweep(grid, scalars, stages, penalty, both(terminal), False, kept, offset)
     twin = naive.sweep(grid, scalars, stages, penalty, terminal)
     assert np.allclose(first, twin[0], rtol=1e-12, atol=1e-12)
     assert np.allclose(kept + offset[:, None, None, None], twin, rtol=1e-5, atol=1e-6)
@@ -69,7 +74,7 @@ def test_a_steep_end_of_the_voltage_curve_does_not_blow_up():
     rng = np.random.default_rng(0)
     stages = Stages(rng.uniform(0.0, 2e-3, (steps, 5)), rng.uniform(-2e4, 2e4, (steps, 5)))
     kept, offset = np.empty((steps + 1, 2, *penalty.shape), np.float32), np.empty(steps + 1)
-    first = sweep(grid, problem.scalars, stages, penalty, terminal, kept, offset)
+    first = sweep(grid, problem.scalars, stages, penalty, both(terminal), False, kept, offset)
     assert first.max() < steps * (penalty.max() + 2e-3 + problem.concept.start_fuel_kg) + terminal.max()
     assert first.min() > 0.0
 
@@ -154,21 +159,45 @@ def test_current_solves_the_circuit_within_its_limits(power_W, ocv_V, ohm, charg
 def test_hermite_cells_reproduce_a_cubic_and_never_leave_their_nodes():
     x = np.arange(12.0)
     cubic = 0.3 * x**3 + x**2 + 5.0 * x
-    pairs = np.empty(2 * (12 + 2 * 3))
-    node_pairs(cubic, 3, pairs)
-    inside = pairs[6:]
+    slope = np.empty(12)
+    node_slopes(cubic, slope)
     for at in range(3, 8):
         for t in (0.2, 0.7):
-            value = np.dot(hermite_weights(t, True), inside[2 * at : 2 * at + 4])
+            cell = [cubic[at], slope[at], cubic[at + 1], slope[at + 1]]
+            value = np.dot(hermite_weights(t, True), cell)
             assert value == pytest.approx(0.3 * (at + t) ** 3 + (at + t) ** 2 + 5.0 * (at + t), rel=1e-12)
     jump = np.where(x < 6, 0.0, 1.0)
-    node_pairs(jump, 3, pairs)
+    node_slopes(jump, slope)
     for at in range(11):
-        values = [
-            np.dot(hermite_weights(t, True), pairs[6 + 2 * at : 10 + 2 * at]) for t in np.linspace(0, 1, 9)
-        ]
+        cell = [jump[at], slope[at], jump[at + 1], slope[at + 1]]
+        values = [np.dot(hermite_weights(t, True), cell) for t in np.linspace(0, 1, 9)]
         assert min(values) >= -1e-15
         assert max(values) <= 1.0 + 1e-15
+
+
+@pytest.mark.parametrize("nodes", [None, 9, 17, 33])
+def test_a_program_without_noise_has_the_same_bits_either_way_round(nodes):
+    """The short cut takes the nodes for the vector, the general kernel the (one) variance row."""
+    grid, scalars, stages, penalty, terminal = build("deterministic", 2, nodes)
+    none, offset = np.empty((0, 2, *penalty.shape), np.float32), np.empty(5)
+    short = sweep(grid, scalars, stages, penalty, both(terminal), False, none, offset)
+    assert np.array_equal(short, sweep(grid, scalars, stages, penalty, both(terminal), True, none, offset))
+
+
+@pytest.mark.parametrize("rows", [4, 8, 9, 17, 25])
+def test_any_number_of_rows_fits_the_blocks(rows):
+    problem = short_problem("hev")
+    soc = soc_nodes(problem.concept, problem.settings, 0.013)
+    few = problem.settings.model_copy(update={"variance_rows": rows})
+    levels = variance_rows(problem.concept, problem.pack, problem.uncertainty, 1.0, few)
+    grid = stochastic_grid(soc, levels, problem.pack, problem.uncertainty, 1.0)
+    penalty, terminal = node_penalties(problem, soc, levels, grid.soc_step)
+    stages = Stages(problem.stages.cost_kg[10:12], problem.stages.power_W[10:12])
+    none, offset = np.empty((0, 2, *penalty.shape), np.float32), np.empty(3)
+    first = sweep(grid, problem.scalars, stages, penalty, both(terminal), False, none, offset)
+    assert np.allclose(
+        first, naive.sweep(grid, problem.scalars, stages, penalty, terminal)[0], rtol=1e-12, atol=1e-12
+    )
 
 
 def fields(grid):
@@ -182,7 +211,7 @@ def test_choice_is_the_least_expected_cost(acts_on):
     grid, scalars, stages, penalty, terminal = build(kind, 1)
     rows, n = penalty.shape
     kept, offset = np.empty((5, 2, rows, n), np.float32), np.empty(5)
-    sweep(grid, scalars, stages, penalty, terminal, kept, offset)
+    sweep(grid, scalars, stages, penalty, both(terminal), False, kept, offset)
     soc, posterior, spread = 0.613, 9e-5, 0.003
     for engine_on in (0, 1):
         control, engine_next = choose(

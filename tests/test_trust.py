@@ -25,7 +25,7 @@ def both(problem, cubic):
     policies = []
     for name, acts_on, variances, grid in (
         ("s", ESTIMATE, rows, stochastic_grid(soc, rows, problem.pack, problem.uncertainty, 1.0, cubic)),
-        ("d", CERTAIN, np.zeros(1), deterministic_grid(soc, problem.pack, 1.0, cubic)),
+        ("d", CERTAIN, np.zeros(1), deterministic_grid(soc, problem.pack, cubic)),
     ):
         solution = solve(problem, grid, *node_penalties(problem, soc, variances, grid.soc_step))
         policies.append(CostToGoPolicy(name, acts_on, problem, solution, 0.0))

@@ -26,6 +26,6 @@ def build(problem: Problem) -> CostToGoPolicy:
     """Solve the deterministic program of a problem."""
     settings, concept = problem.settings, problem.concept
     nodes = soc_nodes(concept, settings, settings.deterministic_soc_step)
-    grid = deterministic_grid(nodes, problem.pack, problem.step_s)
+    grid = deterministic_grid(nodes, problem.pack)
     solution = solve(problem, grid, *node_penalties(problem, nodes, np.zeros(1), grid.soc_step))
     return CostToGoPolicy(NAME, CERTAIN, problem, solution, solution.value_kg(concept.initial_soc))

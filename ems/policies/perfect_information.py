@@ -45,7 +45,7 @@ def build(problem: Problem) -> CostToGoPolicy:
         step = min(step, max(finest, spread / CELLS))
     if spread < CELLS * ENOUGH * finest and step == finest:
         nodes = soc_nodes(concept, settings, finest)
-        grid = deterministic_grid(nodes, problem.pack, problem.step_s)
+        grid = deterministic_grid(nodes, problem.pack)
     else:
         nodes, levels = soc_nodes(concept, settings, step), settings.process_levels
         grid = perfect_information_grid(nodes, levels, problem.pack, uncertainty, problem.step_s)
