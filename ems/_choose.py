@@ -14,7 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bms._levels import level_weights
+from bms._levels import first_level, level_weights
+from ems._look_up import look_up_gauss, look_up_point
 from ems._moves import solve_current
 from ems._sdp import Grid, Scalars, repeats
 
@@ -22,12 +23,7 @@ Array = NDArray[np.float64]
 
 ESTIMATE, CERTAIN, TRUTH = 0, 1, 2  # what a policy acts on: (estimate, variance), estimate alone, true SOC
 
-# Three-point Gauss-Hermite rule of the standard normal, exact to the fifth degree: the cost-to-go is
-# smooth over the spread of one innovation, because the belief is several times wider
-POINT = np.sqrt(3.0)
-NODES = np.array([-POINT, 0.0, POINT])
-WEIGHTS = np.array([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
-MIDDLE = 1
+POINT = np.sqrt(3.0)  # outer points of the three-point Gauss-Hermite rule, see `ems._look_up`
 
 
 class Action(NamedTuple):
@@ -37,40 +33,91 @@ class Action(NamedTuple):
     engine_next: int
 
 
-@njit(cache=True, inline="always")
-def pack_at(grid: Grid, soc: float) -> tuple[float, float, float, float, float]:
+@njit(cache=True, inline="always", error_model="numpy")
+def table_at(
+    soc_first: float,
+    soc_step: float,
+    ocv_V: Array,
+    discharge_ohm: Array,
+    charge_ohm: Array,
+    low_A: Array,
+    high_A: Array,
+    soc: float,
+) -> tuple[float, float, float, float, float]:
     """OCV, the two resistances and the two current limits at a SOC, linear between nodes."""
-    x = min(max((soc - grid.soc_first) / grid.soc_step, 0.0), grid.ocv_V.size - 1.0)
-    at = min(int(x), grid.ocv_V.size - 2)
+    x = min(max((soc - soc_first) / soc_step, 0.0), ocv_V.size - 1.0)
+    at = min(int(x), ocv_V.size - 2)
     t = x - at
     return (
-        grid.ocv_V[at] + t * (grid.ocv_V[at + 1] - grid.ocv_V[at]),
-        grid.discharge_ohm[at] + t * (grid.discharge_ohm[at + 1] - grid.discharge_ohm[at]),
-        grid.charge_ohm[at] + t * (grid.charge_ohm[at + 1] - grid.charge_ohm[at]),
-        grid.current_low_A[at] + t * (grid.current_low_A[at + 1] - grid.current_low_A[at]),
-        grid.current_high_A[at] + t * (grid.current_high_A[at + 1] - grid.current_high_A[at]),
+        ocv_V[at] + t * (ocv_V[at + 1] - ocv_V[at]),
+        discharge_ohm[at] + t * (discharge_ohm[at + 1] - discharge_ohm[at]),
+        charge_ohm[at] + t * (charge_ohm[at + 1] - charge_ohm[at]),
+        low_A[at] + t * (low_A[at + 1] - low_A[at]),
+        high_A[at] + t * (high_A[at + 1] - high_A[at]),
     )
 
 
-@njit(cache=True, inline="always")
-def soc_weights(x: float, n: int, cubic: bool) -> tuple[int, float, float, float, float]:
-    """First of four nodes around the grid coordinate ``x``, and their Lagrange (or linear) weights."""
-    x = min(max(x, 0.0), n - 1.0)
-    at = min(max(int(x) - 1, 0), n - 4)
-    t = x - at
-    if cubic:
-        a, b, c, d = t, t - 1.0, t - 2.0, t - 3.0
-        return at, -b * c * d / 6.0, 0.5 * a * c * d, -0.5 * a * b * d, a * b * c / 6.0
-    first = min(int(t), 2)
-    t -= first
-    low, high = 1.0 - t, t
-    return (
-        at,
-        low if first == 0 else 0.0,
-        low if first == 1 else (high if first == 0 else 0.0),
-        low if first == 2 else (high if first == 1 else 0.0),
-        high if first == 2 else 0.0,
+@njit(cache=True, error_model="numpy")
+def pack_at(grid: Grid, soc: float) -> tuple[float, float, float, float, float]:
+    """OCV, the two resistances and the two current limits at a SOC; see `table_at`."""
+    return table_at(
+        grid.soc_first,
+        grid.soc_step,
+        grid.ocv_V,
+        grid.discharge_ohm,
+        grid.charge_ohm,
+        grid.current_low_A,
+        grid.current_high_A,
+        soc,
     )
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def first_node(x: float, n: int) -> tuple[int, float]:
+    """First of four nodes around the grid coordinate ``x``, and the place from the second of them."""
+    held = min(max(x, 0.0), n - 1.0)
+    at = min(max(int(held) - 1, 0), n - 4)
+    return at, held - at - 1.0
+
+
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def linear_look_up(after: NDArray[np.float32], x: float) -> tuple[float, float]:
+    """Cost-to-go of a program with one row, engine off and on, linear between two nodes."""
+    n = after.shape[2]
+    held = min(max(x, 0.0), n - 1.0)
+    at = min(int(held), n - 2)
+    t = held - at
+    off, on = (1.0 - t) * after[0, 0, at], (1.0 - t) * after[1, 0, at]
+    return off + t * after[0, 0, at + 1], on + t * after[1, 0, at + 1]
+
+
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def cubic_look_up(
+    after: NDArray[np.float32], x: float, spread: float, q: int, share: tuple[float, float, float]
+) -> tuple[float, float]:
+    """Expected cost-to-go, engine off and on, of a Gaussian about ``x`` in grid steps.
+
+    Parameters
+    ----------
+    after : ndarray of float32, shape (2, r, n)
+        Cost-to-go of the next stage.
+    x, spread : float
+        Mean and standard deviation, in grid steps.
+    q, share : int, tuple of float
+        First of three variance rows, and their weights; of a single row the first counts three times.
+    """
+    rows, n = after.shape[1], after.shape[2]
+    row = n if rows > 1 else 0
+    base = q * n
+    middle, u = first_node(x, n)
+    if spread <= 0.0:
+        found: tuple[float, float] = look_up_point(after, rows * n, row, (base + middle,), (u,), share)
+        return found
+    low, v = first_node(x - spread * POINT, n)
+    high, w = first_node(x + spread * POINT, n)
+    starts = (base + low, base + middle, base + high)
+    several: tuple[float, float] = look_up_gauss(after, rows * n, row, starts, (v, u, w), share)
+    return several
 
 
 @njit(cache=True, nogil=True)
@@ -87,13 +134,10 @@ def expected_cost_to_go(
 ) -> tuple[float, float]:
     """Expected cost-to-go with the engine off and on next, for a Gaussian SOC and a variance level.
 
-    Takes fields of `Grid` one by one: passing the tuple costs more than the look-ups, because numba counts
-    the references to each of its arrays on every call.
-
     Parameters
     ----------
     soc_first, soc_step, level_step, level, cubic
-        As in `Grid`.
+        As in `Grid`; a program with linear look-ups has one row, and ``spread`` is ignored.
     after : ndarray of float32, shape (2, r, n)
         Cost-to-go of the next stage.
     soc, spread : float
@@ -101,37 +145,16 @@ def expected_cost_to_go(
     variance : float
         Next variance; ignored where the cost-to-go has one row.
     """
-    rows, n = after.shape[1], after.shape[2]
+    x = (soc - soc_first) / soc_step
+    if not cubic:
+        return linear_look_up(after, x)
     q, share = 0, (1.0, 0.0, 0.0)
-    if rows > 1:
+    if after.shape[1] > 1:
         q, share = level_weights(level, level_step, variance)
-    off = on = 0.0
-    single = spread <= 0.0
-    for m in range(NODES.size):
-        if single and m != MIDDLE:
-            continue
-        weight = 1.0 if single else WEIGHTS[m]
-        x = (soc + spread * NODES[m] - soc_first) / soc_step
-        at, w0, w1, w2, w3 = soc_weights(x, n, cubic)
-        for row in range(min(rows, 3)):
-            factor = weight * share[row]
-            v = q + row
-            off += factor * (
-                w0 * after[0, v, at]
-                + w1 * after[0, v, at + 1]
-                + w2 * after[0, v, at + 2]
-                + w3 * after[0, v, at + 3]
-            )
-            on += factor * (
-                w0 * after[1, v, at]
-                + w1 * after[1, v, at + 1]
-                + w2 * after[1, v, at + 2]
-                + w3 * after[1, v, at + 3]
-            )
-    return off, on
+    return cubic_look_up(after, x, spread / soc_step, q, share)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def choose(
     grid: Grid,
     scalars: Scalars,
@@ -168,8 +191,61 @@ def choose(
     tuple of int
         Column of the control, and engine state of the next step.
     """
-    ocv_V, discharge_ohm, charge_ohm, low_A, high_A = pack_at(grid, soc)
+    return decide(
+        grid.soc_first,
+        grid.soc_step,
+        grid.level_step,
+        grid.level,
+        grid.cubic,
+        pack_at(grid, soc),
+        scalars,
+        after,
+        cost_kg,
+        power_W,
+        acts_on,
+        soc,
+        posterior,
+        spread,
+        engine_on,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def decide(
+    soc_first: float,
+    soc_step: float,
+    level_step: float,
+    level: Array,
+    cubic: bool,
+    pack: tuple[float, float, float, float, float],
+    scalars: Scalars,
+    after: NDArray[np.float32],
+    cost_kg: Array,
+    power_W: Array,
+    acts_on: int,
+    soc: float,
+    posterior: float,
+    spread: float,
+    engine_on: int,
+) -> tuple[int, int]:
+    """Choose as `choose` does, from fields of the grid and the pack at the SOC.
+
+    Taking fields, not the grid, is a matter of speed: a tuple of arrays costs more than the look-ups, because
+    numba counts the references to each of its arrays on every call.
+    """
+    ocv_V, discharge_ohm, charge_ohm, low_A, high_A = pack
     first, last = (1, power_W.size) if engine_on else (0, 1)
+    start_cost_kg = 0.0 if engine_on else scalars.start_cost_kg
+    price_kg_per_W = scalars.step_s * scalars.shortfall_kg_per_J
+    per_cell = 1.0 / soc_step
+    here = (soc - soc_first) * per_cell
+    moved = scalars.charge_to_soc * per_cell
+    width = 0.0 if acts_on == CERTAIN else spread * per_cell
+    many = after.shape[1] > 1
+    # The level of one control is mostly that of the next: its three rows are found anew where it is not.
+    q, above, below = 0, -1.0, 0.0
+    p0, p1, p2, s0, s1, s2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    share = (1.0, 0.0, 0.0)
     best = np.inf
     control, engine_next = first, engine_on
     for c in range(first, last):
@@ -177,25 +253,27 @@ def choose(
             continue
         i, missing_W = solve_current(power_W[c], ocv_V, discharge_ohm, charge_ohm, low_A, high_A)
         drift = scalars.drift + scalars.drift_per_A * abs(i)
-        width, variance = spread, posterior + drift
-        if acts_on == CERTAIN:
-            width = 0.0
-        elif acts_on == TRUTH:
-            width = np.sqrt(drift)
-        off, on = expected_cost_to_go(
-            grid.soc_first,
-            grid.soc_step,
-            grid.level_step,
-            grid.level,
-            grid.cubic,
-            after,
-            soc + scalars.charge_to_soc * i,
-            width,
-            variance,
-        )
-        if not engine_on:
-            on += scalars.start_cost_kg
-        cost = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J + min(off, on)
+        x = here + moved * i
+        if not cubic:
+            off, on = linear_look_up(after, x)
+        else:
+            if many:
+                variance = posterior + drift
+                if not below <= variance < above:
+                    q = first_level(level_step, level.size, variance)
+                    below = ((q + 0.5) * level_step) ** 2 if q > 0 else 0.0
+                    above = ((q + 1.5) * level_step) ** 2 if q < level.size - 3 else np.inf
+                    p0, p1, p2 = level[q], level[q + 1], level[q + 2]
+                    s0 = 1.0 / ((p0 - p1) * (p0 - p2))
+                    s1 = 1.0 / ((p1 - p0) * (p1 - p2))
+                    s2 = 1.0 / ((p2 - p0) * (p2 - p1))
+                x0, x1, x2 = variance - p0, variance - p1, variance - p2
+                share = (x1 * x2 * s0, x0 * x2 * s1, x0 * x1 * s2)
+            elif acts_on == TRUTH:
+                width = np.sqrt(drift) * per_cell
+            off, on = cubic_look_up(after, x, width, q, share)
+        on += start_cost_kg
+        cost = cost_kg[c] + missing_W * price_kg_per_W + min(off, on)
         if cost < best:
             best = cost
             control, engine_next = c, int(on < off)

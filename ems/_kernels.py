@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bms import _filter, _levels
-from ems import _blocks, _choose, _expect, _interpolate, _ir, _lanes, _moves, _rollout, _rules, _sdp
+from ems import _blocks, _choose, _expect, _interpolate, _ir, _lanes, _look_up, _moves, _rollout, _rules, _sdp
 from gpc.kernel_cache import discard_stale
 
 MODULES = (
@@ -16,6 +16,7 @@ MODULES = (
     _moves,
     _expect,
     _sdp,
+    _look_up,
     _choose,
     _rules,
     _rollout,

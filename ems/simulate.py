@@ -12,6 +12,7 @@ from ems._choose import TRUTH
 from ems._rollout import Tracks, simulate
 from ems._rules import Rules
 from ems._sdp import Grid
+from ems.cost_to_go import CostToGo, Kept
 from ems.errors import GridWarning
 from ems.grid import deterministic_grid
 from ems.noise import Noise
@@ -42,26 +43,32 @@ def roll_out(problem: Problem, policy: AnyPolicy, noise: Noise, *, belief_space:
         ``soc_estimate``.
     """
     tracks = start_tracks(problem, noise, knows_truth=policy.acts_on == TRUTH, belief_space=belief_space)
+    plant = plant_grid(problem)
+    cost_to_go: CostToGo
     if isinstance(policy, CostToGoPolicy):
-        grid, cost_to_go, rules = policy.solution.grid, policy.solution.cost_to_go_kg, _no_rules()
+        grid, cost_to_go, rules = policy.solution.grid, policy.solution.cost_to_go, _no_rules()
     else:
-        grid = plant_grid(problem)
-        cost_to_go, rules = np.zeros((1, 2, 1, 1), dtype=np.float32), policy.rules
-    simulate(
-        policy.acts_on,
-        grid,
-        plant_grid(problem),
-        problem.scalars,
-        problem.stages,
-        problem.shortfall_kg,
-        cost_to_go,
-        rules,
-        tabulate_filter(problem.pack, problem.uncertainty),
-        belief_space,
-        noise.process,
-        noise.measurement,
-        tracks,
-    )
+        grid, rules = plant, policy.rules
+        cost_to_go = Kept(np.zeros((problem.steps + 1, 2, 1, 1), dtype=np.float32))
+    known = tabulate_filter(problem.pack, problem.uncertainty)
+    for first, last, stages_kg in cost_to_go.parts():
+        simulate(
+            policy.acts_on,
+            grid,
+            plant,
+            problem.scalars,
+            problem.stages,
+            problem.shortfall_kg,
+            stages_kg,
+            rules,
+            known,
+            belief_space,
+            first,
+            last,
+            noise.process,
+            noise.measurement,
+            tracks,
+        )
     if isinstance(policy, CostToGoPolicy):
         _warn_outside(policy, tracks.soc if policy.acts_on == TRUTH else tracks.estimate)
     return summarise(problem, tracks, belief_space=belief_space)

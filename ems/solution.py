@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from bms import PiecewiseLinear
 from bms._levels import level_weights
-from ems._sdp import Grid, sweep
+from ems._sdp import Grid
+from ems.cost_to_go import CostToGo, Kept, solve_backwards
+from ems.memory import require_memory
 from ems.problem import Problem
 
 Array = NDArray[np.float64]
@@ -25,7 +27,7 @@ class Solution:
     ----------
     grid : Grid
         The grid it was computed on.
-    cost_to_go_kg : ndarray of float32, shape (N + 1, 2, r, n)
+    cost_to_go : CostToGo
         ``J_k`` over (engine state, variance row, SOC node), less ``offset_kg[k]``.
     offset_kg : ndarray, shape (N + 1,)
         The least cost-to-go of each stage.
@@ -36,10 +38,25 @@ class Solution:
     """
 
     grid: Grid
-    cost_to_go_kg: NDArray[np.float32]
+    cost_to_go: CostToGo
     offset_kg: Array
     first_kg: Array
     solve_s: float
+
+    @property
+    def cost_to_go_kg(self) -> NDArray[np.float32]:
+        """All stages in one table, shape (N + 1, 2, r, n); of a long trip it is computed on every call."""
+        return self.cost_to_go.whole()
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Stages N + 1, engine states, variance rows r, nodes n."""
+        engine_states, rows, nodes = self.first_kg.shape
+        return self.offset_kg.size, engine_states, rows, nodes
+
+    def with_cost_to_go(self, table_kg: NDArray[np.float32]) -> Solution:
+        """Return the solution with another cost-to-go."""
+        return replace(self, cost_to_go=Kept(table_kg))
 
     @property
     def soc(self) -> Array:
@@ -74,13 +91,17 @@ def solve(problem: Problem, grid: Grid, penalty_kg: Array, terminal_kg: Array) -
         SOC grid, variance rows, smoothing.
     penalty_kg, terminal_kg : ndarray, shape (r, n)
         Expected running penalty of a step, and terminal penalty.
+
+    Raises
+    ------
+    EmsError
+        It takes more memory than there is.
     """
-    rows, nodes = penalty_kg.shape
-    cost_to_go = np.empty((problem.steps + 1, 2, rows, nodes), dtype=np.float32)
-    offset = np.empty(problem.steps + 1)
+    require_memory(problem.steps, *penalty_kg.shape)
     started = time.thread_time()
-    last = np.ascontiguousarray(np.stack((terminal_kg, terminal_kg)))
-    first = sweep(grid, problem.scalars, problem.stages, penalty_kg, last, False, cost_to_go, offset)
+    cost_to_go, offset, first = solve_backwards(
+        grid, problem.scalars, problem.stages, penalty_kg, terminal_kg
+    )
     return Solution(grid, cost_to_go, offset, first, time.thread_time() - started)
 
 

@@ -72,7 +72,7 @@ def transfer(policy: AnyPolicy, problem: Problem) -> AnyPolicy:
     low = np.minimum(stage.astype(np.int64), table.shape[0] - 2)
     weight = (stage - low).astype(np.float32)[:, None, None, None]
     moved = (1.0 - weight) * table[low] + weight * table[low + 1]
-    return replace(policy, problem=problem, solution=replace(policy.solution, cost_to_go_kg=moved))
+    return replace(policy, problem=problem, solution=policy.solution.with_cost_to_go(moved))
 
 
 def _share(cycle: DriveCycle) -> Array:

@@ -75,7 +75,7 @@ class CostToGoPolicy:
             *choose(
                 self.solution.grid,
                 self.problem.scalars,
-                self.solution.cost_to_go_kg[step + 1],
+                self.solution.cost_to_go.stage(step + 1),
                 stages.cost_kg[step],
                 stages.power_W[step],
                 self.acts_on,
