@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,13 @@ from drivecycles import DriveCycle, load_cycle
 from ems import GridSettings, Problem, build_problem, load_concept
 from ems._sdp import Grid, Scalars, Stages, sweep
 from ems.grid import deterministic_grid, measurement_variance, soc_nodes, stochastic_grid, variance_rows
+from ems.smoothing import smoothing_weights
 from ems.solution import node_penalties
 
 Array = NDArray[np.float64]
+
+NEGLIGIBLE_WEIGHT = 1e-9
+"""Smoothing weights below it are dropped, by the rivals as by `ems.grid`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +60,21 @@ class Case:
         """
         return int(self.distinct.sum()) * self.penalty_kg.size
 
+    @cached_property
+    def half_weights(self) -> tuple[NDArray[np.int_], Array]:
+        """Smoothing for rivals: taps to either side of every row, weights (r, t, n) from the middle on.
+
+        They belong to the grid, as the kernel's own do, so finding them is not timed.
+        """
+        weights = smoothing_weights(self.spread, self.grid.soc_step)
+        used = np.abs(weights).max(axis=2) > NEGLIGIBLE_WEIGHT
+        weights[~used] = 0.0
+        weights /= weights.sum(axis=1, keepdims=True)
+        middle = weights.shape[1] // 2
+        distance = np.abs(np.arange(weights.shape[1]) - middle)
+        taps = np.array([int(distance[row].max()) for row in used], dtype=np.int_)
+        return taps, np.ascontiguousarray(weights[:, middle : middle + taps.max() + 1])
+
     def every(self, stride: int) -> Case:
         """Keep one step in ``stride``: a sample of all of them, for what is too slow to run in full."""
         stages = Stages(*(np.ascontiguousarray(table[::stride]) for table in self.stages))
@@ -66,9 +86,7 @@ class Case:
         steps = self.stages.power_W.shape[0]
         kept, offset = np.empty((steps + 1, 2, rows, nodes), np.float32), np.empty(steps + 1)
         last = np.array([self.terminal_kg, self.terminal_kg])
-        first: Array = sweep(
-            self.grid, self.scalars, self.stages, self.penalty_kg, last, False, kept, offset
-        )
+        first: Array = sweep(self.grid, self.scalars, self.stages, self.penalty_kg, last, False, kept, offset)
         return first
 
 

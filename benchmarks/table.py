@@ -54,9 +54,16 @@ def build_table(sections: Sequence[Section], rounds: int) -> Table:
 
 
 def _pair(times: Array) -> str:
-    digits = 1 if np.min(times) < 1000.0 else 0
+    digits = _digits(times)
     return f"{np.min(times):,.{digits}f} / {np.median(times):,.{digits}f}"
 
 
 def _ratio(theirs: Array, ours: Array) -> str:
-    return f"{np.min(theirs) / np.min(ours):.1f} / {np.median(theirs / ours):.1f}"
+    ratios = np.array([np.min(theirs) / np.min(ours), np.median(theirs / ours)])
+    digits = _digits(ratios)
+    return " / ".join(f"{ratio:,.{digits}f}" for ratio in ratios)
+
+
+def _digits(values: Array) -> int:
+    """Digits after the point: three figures of small numbers, none of large ones."""
+    return 2 if np.min(values) < 10.0 else 1 if np.min(values) < 1000.0 else 0
