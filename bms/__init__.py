@@ -7,6 +7,7 @@ from bms.ocv import OcvCurve
 from bms.pack import Pack
 from bms.piecewise import PiecewiseLinear
 from bms.uncertainty import UncertaintyModel
+from gpc.kernel_cache import provide_folder
 
 __all__ = [
     "BatteryError",
@@ -18,3 +19,5 @@ __all__ = [
     "load_pack",
     "pack_names",
 ]
+
+provide_folder()

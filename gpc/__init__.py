@@ -10,6 +10,7 @@ from gpc.expansion import Expansion, affine_coefficients, sample_germs
 from gpc.galerkin import LinearSystem, germ_matrix, multiplication, triple_products, uncertain_decay
 from gpc.index_set import count_terms, hyperbolic, total_order
 from gpc.inflation import Inflation, scatter
+from gpc.kernel_cache import provide_folder
 from gpc.nodes import basis_matrix, selected_nodes, tensor_grid
 
 __all__ = [
@@ -46,3 +47,5 @@ __all__ = [
     "triple_products",
     "uncertain_decay",
 ]
+
+provide_folder()

@@ -23,6 +23,10 @@ Status = Literal["ok", "warn", "fail"]
 
 LITTLE_DISK_BYTES = 1e9
 NO_DISK_BYTES = 1e8
+KERNELS = (
+    "gpc", "drivecycles/traffic", "vehicle/inertia", "bms", "bms/estimators", "bms/plants", "ems",
+)  # fmt: skip
+"""Folders that hold kernels, as in `gpc.kernel_cache`, which needs more than the standard library."""
 
 
 @dataclass(frozen=True)
@@ -122,27 +126,33 @@ def _dependencies() -> list[Check]:
 
 
 def _compiler_cache() -> Check:
-    """Look for the folder in which numba will keep compiled kernels; without one it refuses to compile."""
-    folders = [Path(__file__).resolve().parents[1] / "ems" / "__pycache__", _user_cache() / "numba"]
+    """Look for the folder in which numba will keep compiled kernels (`gpc.kernel_cache` finds it one)."""
+    name, home = "compiler cache", Path(__file__).resolve().parents[1]
+    beside = [home / package for package in KERNELS]
     chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen and _writable(Path(chosen)):
+        return Check(name, "ok", chosen)
+    found: Path | str = "a temporary folder"
+    if all(_writable(folder / "__pycache__") for folder in beside):
+        found = f"{home}, beside the source"
+    elif _writable(_user_cache() / "numba"):
+        found = _user_cache() / "numba"
+    elif not chosen:
+        return Check(
+            name,
+            "warn",
+            f"nothing can be written in {beside[0]} or {_user_cache() / 'numba'}; compiled kernels are kept"
+            " in a temporary folder, for as long as that lasts",
+            "set NUMBA_CACHE_DIR to a folder that can be written",
+        )
     if chosen:
-        folders.insert(0, Path(chosen))
-    for folder in folders:
-        if _writable(folder):
-            if chosen and folder != folders[0]:
-                return Check(
-                    "compiler cache",
-                    "warn",
-                    f"NUMBA_CACHE_DIR is {chosen}, where nothing can be written; {folder} will be used",
-                    "set NUMBA_CACHE_DIR to a folder that can be written, or unset it",
-                )
-            return Check("compiler cache", "ok", str(folder))
-    return Check(
-        "compiler cache",
-        "fail",
-        f"no place to keep compiled kernels: cannot write {', '.join(map(str, folders))}",
-        "set NUMBA_CACHE_DIR to a folder that can be written",
-    )
+        return Check(
+            name,
+            "warn",
+            f"NUMBA_CACHE_DIR is {chosen}, where nothing can be written; {found} will be used",
+            "set NUMBA_CACHE_DIR to a folder that can be written, or unset it",
+        )
+    return Check(name, "ok", str(found))
 
 
 def _user_cache() -> Path:

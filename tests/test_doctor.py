@@ -10,8 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import run, write_cycle
 
 import socwise
+from gpc.kernel_cache import FOLDERS
+from socwise import doctor, warm
 from socwise.clashes import PACKAGES
 from socwise.doctor import _judge_disk, environment, name_clashes
 
@@ -231,6 +234,80 @@ def test_a_compiler_cache_that_cannot_be_written(tmp_path, monkeypatch):
     assert by_name()["compiler cache"].detail == str(tmp_path / "new" / "cache")
     # Looking does not make it.
     assert not (tmp_path / "new").exists()
+
+
+def test_nothing_can_be_written_anywhere(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(doctor, "_user_cache", lambda: tmp_path / "file")
+    monkeypatch.setattr(doctor, "__file__", str(tmp_path / "file" / "socwise" / "doctor.py"))
+    check = by_name()["compiler cache"]
+    assert check.status == "warn"
+    assert "in a temporary folder, for as long as that lasts" in check.detail
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    assert "a temporary folder will be used" in by_name()["compiler cache"].detail
+
+
+def test_the_folders_with_kernels_are_those_of_the_core():
+    assert doctor.KERNELS == FOLDERS
+
+
+def test_kernels_are_compiled_ahead_and_what_is_done_is_told(capsys, monkeypatch):
+    few = {name: warm.JOBS[name] for name in ("cells", "traffic")}
+    monkeypatch.setattr(warm, "JOBS", few)
+    told = []
+    assert warm.warm(lambda *step: told.append(step)) > 0.0
+    assert told == [("cells", 0, 2), ("traffic", 1, 2), ("", 2, 2)]
+    done = run(capsys, "doctor", "--warm", "--json")
+    kernels = json.loads(done.out)["checks"][-1]
+    assert kernels["name"] == "kernels"
+    assert kernels["status"] == "ok"
+    assert "compiled ahead in" in kernels["detail"]
+
+
+@pytest.mark.slow
+def test_after_warming_up_no_command_compiles(tmp_path):
+    """In a fresh cache; every command that has kernels, on something small."""
+    cache, out = tmp_path / "cache", tmp_path / "out"
+    log = tmp_path / "log.csv"
+    rows = [f"{k},{1.0 if k % 20 < 10 else -1.0},{3.3 + 0.01 * (k % 7)}" for k in range(100)]
+    log.write_text("time [s],current [A],voltage [V]\n" + "\n".join(rows) + "\n")
+    cycle = write_cycle(tmp_path / "cycle.csv")
+
+    def socwise(*arguments):
+        done = subprocess.run(
+            [sys.executable, "-m", "socwise", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+
+    socwise("doctor", "--warm")
+    compiled = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nb?")}
+    assert len(compiled) > 100
+    small = ("--cycle", cycle, "--realizations", 2)
+    estimators = "coulomb,ekf,ukf,gpc-gradient,gpc-gauss-newton,gpc-ekf"
+    loop = ("--plant", "ecm", "--training", cycle, "--training-realizations", 2, "--jobs", 1)
+    for number, command in enumerate(
+        [
+            ("compare", *small),
+            ("compare", "--concept", "phev", "--policy", "stochastic", *small, *loop),
+            ("estimate", log, "--cell", "a123-26650", "--estimator", estimators),
+            ("inertia", "mass-spring", "--duration", 5),
+            ("inertia", "ride", "--duration", 8),
+            ("inertia", "load-transfer", "--duration", 30),
+            ("traffic", "run", "report"),
+            ("traffic", "uncertainty", "report"),
+            ("traffic", "estimate", "report"),
+            ("traffic", "cycles", "commute", "--cycles", 2),
+        ]
+    ):
+        socwise(*command, "--out", out / str(number))
+        after = {path: path.stat().st_mtime_ns for path in cache.rglob("*.nb?")}
+        assert after == compiled, command
 
 
 def test_a_senseless_number_of_threads_is_named(monkeypatch):

@@ -1,10 +1,20 @@
-"""A change of a callee recompiles its callers."""
+"""Compiled kernels find a place wherever socwise runs, and a change of a callee recompiles its callers."""
 
 import os
+import re
+import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 import textwrap
 from pathlib import Path
+
+import pytest
+
+from gpc import kernel_cache
+
+ROOT = Path(kernel_cache.__file__).resolve().parents[1]
 
 
 def run(folder):
@@ -31,6 +41,107 @@ def run(folder):
 def write(path, text, time_s):
     path.write_text(textwrap.dedent(text))
     os.utime(path, (time_s, time_s))
+
+
+@pytest.fixture(scope="module")
+def read_only(tmp_path_factory):
+    """Our packages where nothing can be written, not even by root: a file is where a folder would be made."""
+    site = tmp_path_factory.mktemp("site")
+    for package in ("gpc", "bms"):
+        shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in kernel_cache.FOLDERS:
+        if (site / folder).is_dir():
+            (site / folder / "__pycache__").write_text("")
+    return site
+
+
+def load_a_kernel(site, temporary, **variables):
+    """Run a kernel of the copied packages in a new interpreter of a user without a home."""
+    code = """
+    import numpy as np
+    from bms import _levels
+    q, weights = _levels.level_weights(np.array([0.0, 1.0, 4.0]), 1.0, 2.0)
+    print(q, round(sum(weights), 12), sum(_levels.level_weights.stats.cache_hits.values()))
+    print(_levels.level_weights.stats.cache_path)
+    """
+    nowhere = str(site / "gpc" / "__pycache__")
+    kept = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env={
+            **kept,
+            "PYTHONPATH": str(site),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "TMPDIR": str(temporary),
+            **dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), nowhere),
+            **variables,
+        },
+        cwd=temporary,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split(maxsplit=3), [line for line in done.stderr.splitlines() if "Warning" in line]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="TMPDIR, and folders that belong to a user")
+def test_kernels_run_where_nothing_can_be_written(tmp_path, read_only):
+    (q, total, hits, place), warned = load_a_kernel(read_only, tmp_path)
+    assert (q, total, hits) == ("0", "1.0", "0")
+    folder = tmp_path / f"socwise-kernels-{os.getuid()}"
+    assert Path(place.strip()).parent == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert len(warned) == 1
+    assert f"compiled kernels are kept in {folder}" in warned[0]
+    assert "name a lasting folder in NUMBA_CACHE_DIR" in warned[0]
+    # The next process finds what this one compiled.
+    (_, _, hits, _), _ = load_a_kernel(read_only, tmp_path)
+    assert hits == "1"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="TMPDIR, and folders that belong to a user")
+def test_a_chosen_folder_that_cannot_be_written_is_named(tmp_path, read_only):
+    chosen = str(read_only / "gpc" / "__pycache__" / "cache")
+    (_, _, _, place), warned = load_a_kernel(read_only, tmp_path, NUMBA_CACHE_DIR=chosen)
+    assert str(tmp_path) in place
+    assert len(warned) == 1
+    assert f"NUMBA_CACHE_DIR is {chosen}, where nothing can be written" in warned[0]
+
+
+def test_a_folder_that_can_be_written_is_left_to_numba(tmp_path, monkeypatch, recwarn):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "new"))
+    assert kernel_cache.provide_folder.__wrapped__() is None
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert kernel_cache.provide_folder.__wrapped__() is None
+    assert list(recwarn) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders that belong to a user")
+@pytest.mark.parametrize("trap", ["open to others", "a link"])
+def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path, monkeypatch, trap):
+    """Whoever can write there could have us execute anything."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    usual = tmp_path / f"socwise-kernels-{os.getuid()}"
+    if trap == "a link":
+        (tmp_path / "theirs").mkdir(mode=0o700)
+        usual.symlink_to(tmp_path / "theirs")
+    else:
+        usual.mkdir()
+        usual.chmod(0o777)
+    found = kernel_cache.temporary_folder.__wrapped__()
+    assert found != usual
+    assert stat.S_IMODE(found.lstat().st_mode) == 0o700
+
+
+def test_every_folder_with_kernels_is_looked_at():
+    packages = {folder.partition("/")[0] for folder in kernel_cache.FOLDERS}
+    found = {
+        path.parent.relative_to(ROOT).as_posix()
+        for package in packages
+        for path in (ROOT / package).rglob("_*.py")
+        if re.search(r"^@njit", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert found == set(kernel_cache.FOLDERS)
 
 
 def test_callers_follow_their_callees(tmp_path):

@@ -15,6 +15,7 @@ from drivecycles.traffic.diagrams import (
 from drivecycles.traffic.errors import TrafficError, TrafficWarning
 from drivecycles.traffic.field import TrafficField
 from drivecycles.traffic.road import Bottleneck, Demand, Road
+from gpc.kernel_cache import provide_folder
 
 __all__ = [
     "DIAGRAMS",
@@ -31,3 +32,5 @@ __all__ = [
     "Underwood",
     "make_diagram",
 ]
+
+provide_folder()

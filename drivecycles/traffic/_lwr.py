@@ -180,6 +180,13 @@ def limits_at(step: int, gates: Gates, limit: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
+def copy_row(row: Array, start: int, out: Array) -> None:
+    """Copy a row into a longer one, from ``start`` on; assigning a slice takes a second more to compile."""
+    for member in range(row.size):
+        out[start + member] = row[member]
+
+
+@njit(cache=True, nogil=True)
 def run_block(
     kind: int, upwind: bool, known: Array, density: Array, offered: Array, ratio: float, gates: Gates,
     kept: Recorded, start: int,
@@ -191,7 +198,7 @@ def run_block(
     for step in range(offered.size + 1):
         while at < kept.step.size and kept.step[at] == step:
             for j in range(kept.cell.size):
-                kept.density[at, j, start : start + count] = density[kept.cell[j]]
+                copy_row(density[kept.cell[j]], start, kept.density[at, j])
             at += 1
         if step == offered.size or (at == kept.step.size and not keeps_flow):
             break
@@ -205,10 +212,10 @@ def run_block(
             else:
                 godunov_row(density, cell, count, known, ratio, limit[cell], work)
             if keeps_flow:
-                kept.flow[step, cell, start : start + count] = work[2]
+                copy_row(work[2], start, kept.flow[step, cell])
         leave_row(density, count, ratio, float(limit[cells]), work)
         if keeps_flow:
-            kept.flow[step, cells, start : start + count] = work[2]
+            copy_row(work[2], start, kept.flow[step, cells])
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Advance = Callable[[int, int], None]
+AdvanceTo = Callable[[str, int, int], None]
 
 WIDTH_IN_A_PIPE = 100
 
@@ -85,6 +86,36 @@ def progress(what: str) -> Iterator[Advance | None]:
 
         def advance(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total, count=f"{done}/{total}")
+
+        yield advance
+
+
+@contextmanager
+def progress_by_name(what: str) -> Iterator[AdvanceTo | None]:
+    """Show a bar as `progress` does, which also says what is being done now.
+
+    Yields
+    ------
+    callable or None
+        To be called with what comes next, how much is done and how much there is.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+
+        def advance(name: str, done: int, total: int) -> None:
+            bar.update(task, description=f"{what} {name}".rstrip(), completed=done, total=total)
 
         yield advance
 
