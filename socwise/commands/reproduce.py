@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from socwise.commands.errors import CommandError
 from socwise.commands.files import check_file
 from socwise.commands.options import DEFAULT_JOBS, JobsOption, JsonOption
-from socwise.commands.screen import new_table, progress, show, show_json
+from socwise.commands.screen import complain, new_table, progress, show, show_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from socwise.gallery import Entry
     from socwise.reproduce import Reproduction, Row
 
 _MISSING = "–"
@@ -25,13 +27,24 @@ def reproduce(
         list[str],
         typer.Argument(metavar="list | ID... | all", help="What to reproduce; 'list' shows the IDs."),
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for pictures.")] = Path(
-        "results/reproduce"
-    ),
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for pictures, and for the page and the CSV of 'all'.")
+    ] = Path("results/reproduce"),
+    gallery: Annotated[
+        bool, typer.Option("--gallery", metavar="", help="Page and CSV of the named IDs, too.")
+    ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            metavar="",
+            help="Take over what an interrupted 'all' finished, unless anything changed.",
+        ),
+    ] = False,
     jobs: JobsOption = DEFAULT_JOBS,
     as_json: JsonOption = False,
 ) -> None:
-    """Reproduce tables and figures of the papers, row by row.
+    """Reproduce tables and figures of the papers, row by row; all of them as a gallery.
 
     Exit code 1 if a row is not as it should be.
     """
@@ -40,30 +53,56 @@ def reproduce(
     if what == ["list"]:
         _list({item: title(item) for item in ids()}, as_json=as_json)
         return
-    items = list(ids()) if "all" in what else list(dict.fromkeys(item.strip().lower() for item in what))
+    every = "all" in what
+    gallery = gallery or every
+    if resume and not gallery:
+        raise CommandError("--resume goes with 'all' or --gallery, which keep what they finished")
+    items = list(ids()) if every else list(dict.fromkeys(item.strip().lower() for item in what))
     for item in items:
         title(item)  # refuses what it does not know, before anything is computed
         check_file(out / f"{item}.png")
-    objects = []
-    every_row_ok = True
-    for item in items:
-        found, figure = _run(item, out, jobs)
-        objects.append(found.to_json(figure))
-        every_row_ok = every_row_ok and found.ok
-        if not as_json:
-            _show(found, figure)
+    entries = _run(items, out, jobs, gallery=gallery, resume=resume, as_json=as_json)
+    if gallery:
+        _write(entries, out, every=every, as_json=as_json)
     if as_json:
-        show_json(objects[0] if len(objects) == 1 else objects)
-    if not every_row_ok:
+        objects = [one.found.to_json(_picture(one, out)) for one in entries]
+        show_json(objects[0] if len(objects) == 1 and not every else objects)
+    if not all(one.found.ok for one in entries):
         raise typer.Exit(1)
 
 
-def _run(item: str, out: Path, jobs: int) -> tuple[Reproduction, Path | None]:
-    from socwise.reproduce import run
+def _run(
+    items: list[str], out: Path, jobs: int, *, gallery: bool, resume: bool, as_json: bool
+) -> list[Entry]:
+    from socwise.gallery.collect import collect
 
-    with progress(item) as advance:
-        found = run(item, jobs=jobs, progress=advance)
-        return found, found.write_figure(out)
+    entries = []
+    for entry in collect(items, out, jobs=jobs, resume=resume, keep=gallery, bar=progress, complain=complain):
+        entries.append(entry)
+        if not as_json:
+            _show(entry.found, _picture(entry, out))
+    return entries
+
+
+def _picture(entry: Entry, out: Path) -> Path | None:
+    return None if entry.figure is None else out / entry.figure
+
+
+def _write(entries: list[Entry], out: Path, *, every: bool, as_json: bool) -> None:
+    from socwise.gallery import CSV, PAGE, write_gallery
+
+    try:
+        write_gallery(entries, out, complete=every)
+    except OSError as error:
+        raise CommandError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
+    if not as_json:
+        wrong = sum(not one.found.ok for one in entries)
+        verdict = f"{wrong} of them do not reproduce" if wrong else "every row is as it should be"
+        show(
+            "",
+            f"{len(entries)} tables and figures; {verdict}.",
+            f"The gallery is {out / PAGE}, its rows {out / CSV}",
+        )
 
 
 def _list(titles: dict[str, str], *, as_json: bool) -> None:

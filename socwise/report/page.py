@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from socwise.report.answer import Finding, findings
 from socwise.report.closed import identified_table, loop_sentences
+from socwise.report.html import fill, json_in_html, paragraph, region, script, template, unbroken
 from socwise.report.payload import payload
 from socwise.report.sentences import answer
 from socwise.report.tables import cases_table, facts_table, findings_table
 from socwise.report.wording import number
 from socwise.results.reading import StoredComparison, read
-
-_SLOT = re.compile(r"@@([A-Z_]+)@@")
 
 
 def write_report(source: StoredComparison | Path, path: Path) -> None:
@@ -58,13 +55,13 @@ def render(stored: StoredComparison) -> str:
     found = findings(stored.result)
     concepts = list(dict.fromkeys(one.concept for one in found))
     numbers = payload(stored)
-    return _fill(
-        _template("report.html"),
+    return fill(
+        template("report.html"),
         {
-            "STYLE": _template("report.css"),
+            "STYLE": template("report.css"),
             "SUBTITLE": escape(_subtitle(stored.result)),
             "ANSWER": "".join(
-                _paragraph(answer(concept, [one for one in found if one.concept == concept]))
+                paragraph(answer(concept, [one for one in found if one.concept == concept]))
                 for concept in concepts
             ),
             "FINDINGS": _findings(found),
@@ -73,34 +70,19 @@ def render(stored: StoredComparison) -> str:
             "THINNED": _thinned(numbers),
             "FACTS": facts_table(_facts(stored.manifest)),
             "SETTINGS": escape(json.dumps(stored.manifest["settings"], indent=2, ensure_ascii=False)),
-            "DATA": _json_in_html(numbers),
-            "PLOTLY": _script(get_plotlyjs()),
-            "SCRIPT": _script(_template("report.js")),
+            "DATA": json_in_html(numbers),
+            "TABLE_SCRIPT": script(template("table.js")),
+            "PLOTLY": script(get_plotlyjs()),
+            "SCRIPT": script(template("report.js")),
         },
     )
-
-
-def _fill(template: str, values: Mapping[str, str]) -> str:
-    # One pass: what is put in is not searched for slots again, whatever a user called a concept.
-    return _SLOT.sub(lambda slot: values[slot[1]], template)
-
-
-def _template(name: str) -> str:
-    return (resources.files("socwise.report") / "templates" / name).read_text(encoding="utf-8")
-
-
-def _paragraph(sentences: list[str]) -> str:
-    lead, *rest = (_unbroken(escape(sentence)) for sentence in sentences)
-    return f"<p><strong>{lead}</strong> {' '.join(rest)}</p>"
 
 
 def _findings(found: list[Finding]) -> str:
     if all(one.cost is None for one in found):
         return ""
     label = "What the stochastic policy saves"
-    return (
-        f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">{findings_table(found)}</div>'
-    )
+    return region(label, findings_table(found))
 
 
 def _loop(result: Mapping[str, Any]) -> str:
@@ -109,9 +91,8 @@ def _loop(result: Mapping[str, Any]) -> str:
     if not sentences:
         return ""
     label = "The identified uncertainty model"
-    text = "".join(f"<p>{_unbroken(escape(sentence))}</p>" for sentence in sentences)
-    region = f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">'
-    return f"\n<h3>{label}</h3>\n{text}\n{region}{identified_table(result)}</div>"
+    text = "".join(f"<p>{unbroken(escape(sentence))}</p>" for sentence in sentences)
+    return f"\n<h3>{label}</h3>\n{text}\n{region(label, identified_table(result))}"
 
 
 def _thinned(numbers: Mapping[str, Any]) -> str:
@@ -119,11 +100,6 @@ def _thinned(numbers: Mapping[str, Any]) -> str:
         return ""
     stretch = number(numbers["stretch_s"], 0)
     return f"Each pair of points is the least and the greatest value within {stretch} s. "
-
-
-def _unbroken(text: str) -> str:
-    """Keep a number and its sign or unit on one line."""
-    return text.replace("μ = ", "μ\u00a0=\u00a0").replace(" %", "\u00a0%")
 
 
 def _subtitle(result: Mapping[str, Any]) -> str:
@@ -150,13 +126,3 @@ def _facts(manifest: Mapping[str, Any]) -> dict[str, str]:
         "Packages": versions,
         "Settings, SHA-256": manifest["settings_sha256"],
     }
-
-
-def _json_in_html(value: object) -> str:
-    """Return JSON that no HTML parser can mistake for the end of its element."""
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _script(source: str) -> str:
-    return re.sub(r"</(script)", r"<\\/\1", source, flags=re.IGNORECASE)

@@ -15,6 +15,7 @@ from socwise.report.wording import MISSING, number, per_cent, plus_minus
 
 _PER_CENT = 100.0
 _VERDICT = "Verdict"
+CASES = "case-table"
 _COLUMNS: tuple[tuple[str, str], ...] = (
     ("Policy", ""),
     ("Realised cost", "kg fuel"),
@@ -53,7 +54,7 @@ def cases_table(rows: Sequence[Mapping[str, Any]]) -> str:
         best = min((row["cost_kg"]["mean"] for row in real), default=math.nan)
         parts += [_case_row(row, row in real and row["cost_kg"]["mean"] == best) for row in group]
         parts.append("</tbody>")
-    return f"<table>{''.join(parts)}</table>"
+    return f'<table data-sortable id="{CASES}">{"".join(parts)}</table>'
 
 
 def findings_table(found: Sequence[Finding]) -> str:
@@ -70,13 +71,11 @@ def findings_table(found: Sequence[Finding]) -> str:
     body = "".join(
         "<tr>"
         f'<th scope="row">{escape(concept_label(one.concept))}</th><td>{one.mu:g}</td>'
-        f"<td>{_saved(one.cost)}</td><td>{_saved(one.fuel)}</td>"
-        f"<td>{number(None if one.gap_left is None else _PER_CENT * one.gap_left, 0)}</td>"
-        f"<td>{_saved(one.further)}</td>"
+        f"{_saved(one.cost)}{_saved(one.fuel)}{_gap(one.gap_left)}{_saved(one.further)}"
         f'<td class="verdict">{escape(verdict(one))}</td></tr>'
         for one in found
     )
-    return f"<table>{_head(columns)}<tbody>{body}</tbody></table>"
+    return f"<table data-sortable>{_head(columns)}<tbody>{body}</tbody></table>"
 
 
 def facts_table(facts: Mapping[str, str]) -> str:
@@ -103,12 +102,13 @@ def _case_row(row: Mapping[str, Any], best: bool) -> str:
     def mean(name: str, digits: int, scale: float = 1.0) -> str:
         entry = row[name]
         if entry["mean"] is None:
-            return MISSING
-        return plus_minus(scale * entry["mean"], scale * half_width(entry["se"], count), digits)
+            return _cell(None, MISSING)
+        value = scale * entry["mean"]
+        return _cell(value, plus_minus(value, scale * half_width(entry["se"], count), digits))
 
     cells = (
         mean("cost_kg", 4),
-        number(row["value_kg"], 4),
+        _cell(row["value_kg"], number(row["value_kg"], 4)),
         mean("fuel_l_per_100km", 3),
         mean("penalty_kg", 4),
         mean("final_soc", 2, _PER_CENT),
@@ -121,18 +121,30 @@ def _case_row(row: Mapping[str, Any], best: bool) -> str:
         mean("engine_starts", 1),
     )
     label = escape(policy_style(row["policy"]).label)
-    body = "".join(f"<td>{cell}</td>" for cell in cells)
-    return f'<tr{" class=best" if best else ""}><th scope="row">{label}</th>{body}</tr>'
+    # Shown where sorting has parted the row from its group.
+    where = f'<span class="where">{escape(concept_label(row["concept"]))}, μ = {row["mu"]:g}</span>'
+    return f'<tr{" class=best" if best else ""}><th scope="row">{label}{where}</th>{"".join(cells)}</tr>'
 
 
 def _scaled(fraction: float | None) -> str:
-    return number(None if fraction is None else _PER_CENT * fraction, 2)
+    value = None if fraction is None else _PER_CENT * fraction
+    return _cell(value, number(value, 2))
+
+
+def _gap(share: float | None) -> str:
+    value = None if share is None else _PER_CENT * share
+    return _cell(value, number(value, 0))
 
 
 def _saved(saving: Saving | None) -> str:
     if saving is None:
-        return MISSING
+        return _cell(None, MISSING)
     mean, low, high = saving.in_per_cent()
-    if math.isnan(low):
-        return per_cent(mean)
-    return f"{per_cent(mean)} ({per_cent(low)} to {per_cent(high)})"
+    interval = "" if math.isnan(low) else f" ({per_cent(low)} to {per_cent(high)})"
+    return _cell(mean, f"{per_cent(mean)}{interval}")
+
+
+def _cell(value: float | None, text: str) -> str:
+    """Return a cell with the number that sorts it."""
+    known = value is not None and math.isfinite(value)
+    return f'<td data-v="{value:.9g}">{text}</td>' if known else f"<td>{text}</td>"

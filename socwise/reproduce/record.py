@@ -38,6 +38,8 @@ class Row:
         Unit of both values; empty where there is none.
     error : float or None
         Standard error of ours, where it is a mean over realizations.
+    judged : bool
+        False for a row that only informs.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Row:
     ok: bool
     unit: str = ""
     error: float | None = None
+    judged: bool = True
 
     @classmethod
     def near(
@@ -105,7 +108,7 @@ class Row:
         error: float | None = None,
     ) -> Self:
         """Build a row that informs and has no verdict."""
-        return cls(name, published, ours, None, True, unit, error)
+        return cls(name, published, ours, None, True, unit, error, judged=False)
 
     @property
     def label(self) -> str:

@@ -12,6 +12,7 @@ from scipy.io import netcdf_file
 
 from bms.flags import MEANINGS, Flag
 from socwise.estimation import EstimateRun
+from socwise.results.netcdf import CONVENTIONS
 from socwise.results.staging import StoreError
 
 _WIDE_OFFSETS = 2
@@ -44,6 +45,7 @@ def write_run(run: EstimateRun, cell: str, path: Path) -> None:
         # Attributes of the file and its variables are set at run time, which no type can say.
         file: Any = opened
         file.title = "socwise: one estimator over one log"
+        file.Conventions = CONVENTIONS
         file.estimator, file.cell = run.name.encode(), cell.encode()
         file.createDimension("time", run.trace.time_s.size)
         for name, one in series(run).items():

@@ -9,6 +9,7 @@ from scipy.io import netcdf_file
 
 from socwise.figures.inertia import QUANTITIES
 from socwise.inertia import InertiaRun
+from socwise.results.netcdf import CONVENTIONS
 from socwise.thinning import stride_for
 
 _WIDE_OFFSETS = 2
@@ -32,6 +33,7 @@ def write_inertia_run(run: InertiaRun, path: Path) -> None:
         # Attributes of the file and its variables are set at run time, which no type can say.
         file: Any = opened
         file.title = "socwise: mass, inertia and centre of gravity over one log"
+        file.Conventions = CONVENTIONS
         file.model, file.method = run.model.encode(), one.method.encode()
         file.scenario = run.scenario.encode() or b"-"
         file.createDimension("time", one.time_s[rows].size)

@@ -18,6 +18,8 @@ _SAMPLES = ("realization", "time")
 _STEPS = ("realization", "step")
 _TOTALS = ("realization",)
 _WIDE_OFFSETS = 2
+CONVENTIONS = "CF-1.8"
+"""What names, units and coordinates of our files follow."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ def write_case(case: Case, seed: int, path: Path) -> None:
         # Attributes of the file and its variables are set at run time, which no type can say.
         file: Any = opened
         file.title = "socwise: one policy in one setting"
+        file.Conventions = CONVENTIONS
         file.concept, file.policy = case.concept.encode(), case.policy.encode()
         file.mu = np.float64(case.mu)
         file.seed = str(seed).encode()

@@ -19,7 +19,6 @@ MANIFEST = "manifest.json"
 FORMAT = "socwise comparison"
 ESTIMATE_FORMAT = "socwise estimate"
 INERTIA_FORMAT = "socwise inertia estimate"
-_FORMATS = (FORMAT, ESTIMATE_FORMAT, INERTIA_FORMAT)
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 
 
@@ -95,6 +94,16 @@ def staged(out: Path, form: str = FORMAT) -> Iterator[Path]:
         raise
 
 
+def held_format(folder: Path) -> str | None:
+    """Return what the manifest of a folder calls its results, or None if it holds none of socwise."""
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    form = manifest.get("format") if isinstance(manifest, dict) else None
+    return form if isinstance(form, str) and form.startswith("socwise ") else None
+
+
 def load_manifest(folder: Path, form: str = FORMAT) -> dict[str, Any] | None:
     """Return the manifest of a folder of results, or None if the folder holds none of this form."""
     try:
@@ -137,7 +146,7 @@ def _check_replaceable(target: Path, out: Path, form: str) -> None:
         return
     manifest = load_manifest(target, form)
     if manifest is None:
-        other = next((name for name in _FORMATS if load_manifest(target, name)), None)
+        other = held_format(target)
         held = f"holds a {other}" if other else f"holds no results of socwise ({found[0]} is there)"
         raise StoreError(
             f"{out} is not empty and {held}; nothing was touched. "
