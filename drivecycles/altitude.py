@@ -47,7 +47,8 @@ def smooth_altitude(position_m: FloatArray, altitude_m: FloatArray, length_m: fl
     altitude_m : ndarray, shape (n,)
         Altitude at these positions.
     length_m : float
-        Length of the window, centred on each position and shortened near the ends so that it stays inside.
+        Length of the window, centred on each position. Beyond an end the profile goes on as its mirror image
+        through the end's point: the altitude there stays, and so does a constant grade.
 
     Returns
     -------
@@ -58,10 +59,11 @@ def smooth_altitude(position_m: FloatArray, altitude_m: FloatArray, length_m: fl
     z = np.bincount(group, weights=altitude_m) / np.bincount(group)
     if x.size < 2:
         return z[group]
-    half = np.minimum(0.5 * length_m, np.minimum(x - x[0], x[-1] - x))
-    area = _integral(x + half, x, z) - _integral(x - half, x, z)
-    smooth = np.divide(area, 2.0 * half, out=z.copy(), where=half > 0)
-    result: FloatArray = smooth[group]
+    half = min(0.5 * length_m, float(x[-1] - x[0]))
+    wide_x = np.concatenate((2.0 * x[0] - x[:0:-1], x, 2.0 * x[-1] - x[-2::-1]))
+    wide_z = np.concatenate((2.0 * z[0] - z[:0:-1], z, 2.0 * z[-1] - z[-2::-1]))
+    area = _integral(x + half, wide_x, wide_z) - _integral(x - half, wide_x, wide_z)
+    result: FloatArray = (area / (2.0 * half))[group]
     return result
 
 

@@ -235,7 +235,8 @@ class DriveCycle:
         """Average the altitude over `length_m` of road around each sample.
 
         For logged altitudes, whose noise would make absurd grades over the short distances between samples.
-        The window shrinks towards both ends of the trip, so the altitudes there stay; a constant grade stays.
+        Beyond both ends the profile is continued as its mirror image through the end, so the altitudes there
+        stay; a constant grade stays.
 
         Raises
         ------

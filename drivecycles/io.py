@@ -90,7 +90,7 @@ def parse_csv(text: str, *, name: str, source: str, max_step_s: float | None = N
         columns = find_columns(header)
     except CycleError as error:
         raise CycleError(f"{source}: {error}") from None
-    lines, table = _numbers(rows, columns, source)
+    lines, table = _numbers(rows, columns, source, len(header))
     time, speed = table["time"], table["speed"]
     if time.size < 2:
         raise CycleError(f"{source} holds {time.size} sample(s); a cycle needs at least 2")
@@ -121,13 +121,18 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _numbers(
-    rows: Iterator[tuple[int, list[str]]], columns: dict[str, Column], source: str
+    rows: Iterator[tuple[int, list[str]]], columns: dict[str, Column], source: str, width: int
 ) -> tuple[list[int], dict[str, FloatArray]]:
     """Turn the cells of the wanted columns into SI values, and keep each row's line number."""
     wanted = list(columns.values())
     lines: list[int] = []
     values: list[list[float]] = []
     for number, cells in rows:
+        if any(cell.strip() for cell in cells[width:]):
+            raise CycleError(
+                f"{source}, line {number}: there are {len(cells)} values under {width} names; write decimals"
+                " with a point, or separate the columns with semicolons"
+            )
         try:
             values.append([float(cells[column.index]) for column in wanted])
         except (ValueError, IndexError):

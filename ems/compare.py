@@ -20,8 +20,9 @@ from drivecycles import DriveCycle
 from ems.concept import Concept
 from ems.errors import EmsError
 from ems.grid import GridSettings
+from ems.loop import roll_out_loop
 from ems.noise import Noise, draw_noise
-from ems.policies import build_policy, find_policy
+from ems.policies import CostToGoPolicy, PolicyKind, RuleBasedPolicy, policy_kind
 from ems.problem import OnInfeasible, Problem, build_problem
 from ems.records import Case, Comparison
 from ems.simulate import roll_out
@@ -37,7 +38,7 @@ class _Task:
     """One solve and the mus that it serves."""
 
     problem: Problem
-    policy: str
+    policy: PolicyKind
     mus: tuple[float, ...]
 
 
@@ -46,7 +47,7 @@ def compare(
     cycle: DriveCycle,
     *,
     mus: Sequence[float] = DEFAULT_MU,
-    policies: Sequence[str] = DEFAULT_POLICIES,
+    policies: Sequence[str | PolicyKind] = DEFAULT_POLICIES,
     realizations: int = 50,
     seed: int = 0,
     settings: GridSettings | None = None,
@@ -64,8 +65,8 @@ def compare(
         What they drive.
     mus : sequence of float
         Measurement variances.
-    policies : sequence of str
-        Names of policies.
+    policies : sequence of str or PolicyKind
+        Names of policies; a policy of your own as a `ems.policies.PolicyKind`.
     realizations, seed : int
         How much noise, and which.
     settings : GridSettings, optional
@@ -88,6 +89,7 @@ def compare(
         Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
     """
     names, mus = checked(concepts, policies, mus)
+    kinds = [policy_kind(policy) for policy in policies]
     settings = settings or GridSettings()
     problems = [
         build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible) for concept in concepts
@@ -95,7 +97,7 @@ def compare(
     for mu in mus:
         problems[0].with_mu(mu)
     noise = draw_noise(seed, realizations, problems[0].steps)
-    tasks = [task for problem in problems for task in _tasks(problem, names, mus)]
+    tasks = [task for problem in problems for task in _tasks(problem, kinds, mus)]
     found: dict[tuple[str, float, str], Case] = {}
     run = joblib.Parallel(n_jobs=jobs, backend="threading", return_as="generator_unordered")
     for done, cases in enumerate(run(joblib.delayed(_run)(task, noise) for task in tasks), 1):
@@ -136,22 +138,25 @@ def input_digest(problem: Problem) -> str:
     return digest.hexdigest()
 
 
-def _tasks(problem: Problem, policies: Iterable[str], mus: tuple[float, ...]) -> list[_Task]:
+def _tasks(problem: Problem, policies: Iterable[PolicyKind], mus: tuple[float, ...]) -> list[_Task]:
     """List the solves, the long ones first: a policy that does not depend on mu is solved once."""
     tasks = []
-    for name in policies:
-        groups = [(mu,) for mu in mus] if find_policy(name).DEPENDS_ON_MU else [mus]
-        tasks += [_Task(problem.with_mu(group[0]), name, group) for group in groups]
+    for kind in policies:
+        groups = [(mu,) for mu in mus] if kind.depends_on_mu else [mus]
+        tasks += [_Task(problem.with_mu(group[0]), kind, group) for group in groups]
     return tasks
 
 
 def _run(task: _Task, noise: Noise) -> list[Case]:
-    policy = build_policy(task.policy, task.problem)
+    policy = task.policy.build(task.problem)
     concept = task.problem.concept
     cases = []
     for mu in task.mus:
         problem = task.problem.with_mu(mu)
-        rollout = roll_out(problem, policy, noise)
+        if isinstance(policy, CostToGoPolicy | RuleBasedPolicy):
+            rollout = roll_out(problem, policy, noise)
+        else:
+            rollout = roll_out_loop(problem, policy, noise)
         consumption = [
             problem.vehicle.fuel_l_per_100km(float(kg), problem.demand.distance_m) for kg in rollout.fuel_kg
         ]
@@ -159,11 +164,11 @@ def _run(task: _Task, noise: Noise) -> list[Case]:
             Case(
                 concept=concept.name,
                 mu=mu,
-                policy=task.policy,
+                policy=task.policy.name,
                 rollout=rollout,
-                value_kg=policy.value_kg,
+                value_kg=getattr(policy, "value_kg", None),
                 fuel_l_per_100km=np.array(consumption),
-                solve_s=policy.solve_s if mu == task.mus[0] else 0.0,
+                solve_s=getattr(policy, "solve_s", 0.0) if mu == task.mus[0] else 0.0,
                 window=(concept.window.low, concept.window.high),
                 target_soc=concept.terminal.target_soc,
             )
@@ -172,7 +177,7 @@ def _run(task: _Task, noise: Noise) -> list[Case]:
 
 
 def checked(
-    concepts: Sequence[Concept], policies: Sequence[str], mus: Sequence[float]
+    concepts: Sequence[Concept], policies: Sequence[str | PolicyKind], mus: Sequence[float]
 ) -> tuple[tuple[str, ...], tuple[float, ...]]:
     """Give the policies' own names and the mus of a comparison.
 
@@ -181,7 +186,7 @@ def checked(
     EmsError
         Nothing to compare, the same thing twice, or an unknown policy.
     """
-    names = unique([find_policy(name).NAME for name in policies], "policy")
+    names = unique([policy_kind(policy).name for policy in policies], "policy")
     values = unique([float(mu) for mu in mus], "mu")
     unique([concept.name for concept in concepts], "concept")
     return names, values

@@ -9,17 +9,20 @@ from __future__ import annotations
 import math
 
 from bms.belief import SocBelief
-from bms.estimators import Estimator
-from bms.plants import Plant
+from bms.estimators import Estimator, ModelEstimator
+from bms.filtering import tabulate_filter
+from bms.plants import ModelPlant, Plant
 from bms.plants.sensed import SensedPlant
 from ems._choose import pack_at
 from ems._moves import solve_current
 from ems._rollout import Tracks
 from ems._sdp import Grid
-from ems.policies import Policy
+from ems.errors import EmsError
+from ems.noise import Noise
+from ems.policies import Action, Policy, acts_on_truth
 from ems.problem import Problem
 from ems.records import Rollout
-from ems.simulate import allocate_tracks, plant_grid, summarise
+from ems.simulate import allocate_tracks, plant_grid, start_tracks, summarise
 
 
 def run_closed_loop(
@@ -55,6 +58,37 @@ def run_closed_loop(
     return summarise(problem, tracks)
 
 
+def roll_out_loop(problem: Problem, policy: Policy, noise: Noise) -> Rollout:
+    """Drive the cycle with any policy on [L]'s postulated plant, once per realization of the noise.
+
+    What `ems.roll_out` does for the policies of socwise, on the same noise and with the same result, one
+    call of ``policy.act`` a step.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem; its mu may differ from the one that the policy was made for.
+    policy : Policy
+        Decides.
+    noise : Noise
+        Draws for n realizations and the N steps of the problem.
+
+    Raises
+    ------
+    EmsError
+        When the policy decides something that cannot be done.
+    """
+    pack, model, knows_truth = problem.pack, problem.uncertainty, acts_on_truth(policy)
+    known, grid = tabulate_filter(pack, model), plant_grid(problem)
+    tracks = start_tracks(problem, noise, knows_truth=knows_truth)
+    start = SocBelief(problem.concept.initial_soc, problem.concept.initial_soc_sd**2)
+    for row, truth in enumerate(tracks.soc[:, 0].tolist()):
+        plant = ModelPlant(truth, pack.capacity_C, model, known, noise.process[row], noise.measurement[row])
+        estimator = None if knows_truth else ModelEstimator(start, pack.capacity_C, model, known)
+        drive(problem, policy, plant, estimator, grid, tracks, row)
+    return summarise(problem, tracks)
+
+
 def drive(
     problem: Problem,
     policy: Policy,
@@ -82,6 +116,11 @@ def drive(
         Which realization.
     most_variance : float
         The policy is told no larger variance than this, the end of its tables.
+
+    Raises
+    ------
+    EmsError
+        When the policy decides something that cannot be done.
     """
     power_W, step_s = problem.stages.power_W, problem.step_s
     price_kg_per_W = step_s * problem.scalars.shortfall_kg_per_J
@@ -96,6 +135,8 @@ def drive(
         engine[k] = engine_on
         told = belief if belief.variance <= most_variance else SocBelief(belief.mean, most_variance)
         action = policy.act(told, k, bool(engine_on))
+        if not _can_be_done(action, engine_on, power_W.shape[1]):
+            raise EmsError(_cannot(policy, action, k, engine_on, power_W.shape[1]))
         asked_W = float(power_W[k, action.control])
         # A plant that is measured has a circuit of its own.
         expected_A, missing_W = (0.0, 0.0) if sensed else _current(grid, asked_W, belief.mean)
@@ -112,6 +153,22 @@ def drive(
     belief = _truth(plant.soc) if estimator is None else estimator.belief
     soc[-1], estimate[-1], variance[-1] = plant.soc, belief.mean, belief.variance
     engine[-1] = engine_on
+
+
+def _can_be_done(action: Action, engine_on: int, controls: int) -> bool:
+    return (0 < action.control < controls if engine_on else action.control == 0) and action.engine_next in (
+        0,
+        1,
+    )
+
+
+def _cannot(policy: Policy, action: Action, step: int, engine_on: int, controls: int) -> str:
+    state, allowed = ("on", f"1 to {controls - 1}") if engine_on else ("off", "0")
+    return (
+        f"the policy {policy.name!r} decided {tuple(action)} at step {step} with the engine {state};"
+        f" allowed are the controls {allowed} (columns of the problem's stage tables) and 0 or 1 for the"
+        " engine in the next step"
+    )
 
 
 def _truth(soc: float) -> SocBelief:

@@ -246,3 +246,14 @@ def test_plot_shows_kmh_and_altitude_on_a_twin_axis(ramp: DriveCycle) -> None:
     level = plot_cycle(DriveCycle("level", [0, 1], [0, 1]))
     assert len(level.figure.axes) == 1
     assert plot_cycle(ramp, ax=level) is level
+
+
+def test_noise_at_the_start_of_a_log_does_not_make_a_wall() -> None:
+    time = np.arange(0.0, 301.0)
+    speed = np.minimum(0.2 * np.maximum(time - 10.0, 0.0), 10.0)
+    noisy = np.random.default_rng(1).normal(0.0, 1.0, time.size)
+    smooth = DriveCycle("noisy", time, speed, noisy).smooth_altitude(200.0)
+    moving = smooth.speed_mps[1:] > 0.0
+    assert np.abs(smooth.grade[moving]).max() < 0.05
+    assert smooth.altitude_m[-1] == pytest.approx(noisy[-1])
+    assert smooth.altitude_m[0] == pytest.approx(noisy[:11].mean())

@@ -194,3 +194,14 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_name_can_be_given(tmp_path: Path) -> None:
     assert read_csv(write(tmp_path, GOOD + "0,0\n1,1\n"), name="commute").name == "commute"
+
+
+def test_decimal_commas_do_not_pass_for_further_columns(tmp_path: Path) -> None:
+    path = tmp_path / "trip.csv"
+    path.write_text("time [s],speed [km/h]\n0,0\n1,7,5\n2,9\n", encoding="utf-8")
+    with pytest.raises(
+        CycleError, match=r"line 3: there are 3 values under 2 names; write decimals with a point"
+    ):
+        read_csv(path)
+    path.write_text("time [s],speed [km/h]\n0,0,\n1,7, \n", encoding="utf-8")
+    assert len(read_csv(path)) == 2

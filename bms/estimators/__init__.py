@@ -7,11 +7,17 @@ closed loop speaks to both through `Estimator`.
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 from bms.belief import SocBelief
 from bms.estimators.model import ModelEstimator
 from bms.measurement import Measurement
+
+if TYPE_CHECKING:
+    from bms.cell import Cell
+    from bms.estimators.gate import Sensors
 
 
 class Estimator(Protocol):
@@ -25,4 +31,22 @@ class Estimator(Protocol):
         """Take a measurement over one step and return the belief after the step."""
 
 
-__all__ = ["Estimator", "ModelEstimator"]
+@dataclass(frozen=True)
+class EstimatorKind:
+    """An estimator of the user's own, wherever a closed loop takes an estimator's name.
+
+    Parameters
+    ----------
+    name : str
+        Its name in results.
+    make : callable
+        Makes one for a realization, ``make(cell, belief, sensors)``: the nominal pack as a `bms.cell.Cell`,
+        the `bms.SocBelief` at the start, and the `bms.estimators.gate.Sensors`. Processes of a comparison get
+        it as a pickle.
+    """
+
+    name: str
+    make: Callable[[Cell, SocBelief, Sensors], Estimator]
+
+
+__all__ = ["Estimator", "EstimatorKind", "ModelEstimator"]

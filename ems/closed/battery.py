@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from bms import Pack
+from bms.belief import SocBelief
 from bms.cell import Cell
 from bms.errors import BatteryError
-from bms.estimators.base import KernelEstimator
+from bms.estimators import Estimator, EstimatorKind
 from bms.estimators.catalogue import make_estimator
 from bms.estimators.gate import Sensors
 from bms.pack_cell import cell_from_pack, fill_pack, pack_from_cell
@@ -68,8 +69,8 @@ class ClosedLoop:
     ----------
     plant : "ecm" or FmuSource
         What the battery really does.
-    estimator : str
-        Name of the estimator, see `bms.estimators.catalogue.estimator_names`.
+    estimator : str or EstimatorKind
+        Name of the estimator, see `bms.estimators.catalogue.estimator_names`; or one of your own.
     options : mapping
         Its options, before those that follow from the study.
     cell : Cell, optional
@@ -84,7 +85,7 @@ class ClosedLoop:
     """
 
     plant: Literal["ecm"] | FmuSource = "ecm"
-    estimator: str = "ekf"
+    estimator: str | EstimatorKind = "ekf"
     options: collections.abc.Mapping[str, Any] = field(default_factory=dict)
     cell: Cell | None = None
     scatter: Scatter = field(default_factory=Scatter)
@@ -96,7 +97,12 @@ class ClosedLoop:
         """Name of the plant, for results."""
         return self.plant if isinstance(self.plant, str) else self.plant.path.name
 
-    def make_estimator(self, cell: Cell, soc: float, soc_sd: float) -> KernelEstimator:
+    @property
+    def estimator_name(self) -> str:
+        """Name of the estimator, for results."""
+        return self.estimator if isinstance(self.estimator, str) else self.estimator.name
+
+    def make_estimator(self, cell: Cell, soc: float, soc_sd: float) -> Estimator:
         """Make the estimator for one realization.
 
         Parameters
@@ -118,12 +124,19 @@ class ClosedLoop:
             ambient_C=self.ambient_C,
             holds="until",
         )
+        if isinstance(self.estimator, EstimatorKind):
+            if self.options:
+                raise BatteryError(
+                    f"options ({', '.join(self.options)}) are for socwise's own estimators; give those of"
+                    f" {self.estimator.name!r} to its constructor"
+                )
+            return self.estimator.make(cell, SocBelief(soc, soc_sd**2), sensors)
         chosen = self._told() | dict(self.options)
         return make_estimator(self.estimator, cell, soc=soc, soc_sd=soc_sd, sensors=sensors, **chosen)
 
     def _told(self) -> dict[str, Any]:
         """What the estimator is told of sensors and specimens, as far as it has an option for it."""
-        scatter, name = self.scatter, self.estimator.strip().lower().replace("-", "_")
+        scatter, name = self.scatter, self.estimator_name.strip().lower().replace("-", "_")
         if name == "coulomb":
             return {"capacity_share": scatter.capacity_sd, "bias_sd_A": self.sensors.current_bias_sd_A}
         if name in {"ekf", "ukf", "gpc_ekf"}:

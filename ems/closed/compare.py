@@ -24,7 +24,7 @@ from ems.compare import DEFAULT_POLICIES, input_digest, unique
 from ems.concept import Concept
 from ems.errors import EmsError
 from ems.grid import GridSettings
-from ems.policies import AnyPolicy, build_policy, find_policy
+from ems.policies import Policy, PolicyKind, acts_on_truth, policy_kind
 from ems.problem import OnInfeasible, Problem, build_problem
 from ems.records import Case, Comparison
 from ems.simulate import summarise
@@ -60,7 +60,7 @@ def compare_closed(
     training: Training,
     *,
     mus: Sequence[float] | None = None,
-    policies: Sequence[str] = DEFAULT_POLICIES,
+    policies: Sequence[str | PolicyKind] = DEFAULT_POLICIES,
     realizations: int = 50,
     seed: int = 0,
     settings: GridSettings | None = None,
@@ -82,8 +82,8 @@ def compare_closed(
         How the uncertainty model is identified.
     mus : sequence of float, optional
         Measurement variances to solve for instead of the identified one; gamma and beta stay.
-    policies : sequence of str
-        Names of policies.
+    policies : sequence of str or PolicyKind
+        Names of policies; a policy of your own as a `ems.policies.PolicyKind`.
     realizations, seed : int
         How many realizations, and which.
     settings : GridSettings, optional
@@ -108,7 +108,8 @@ def compare_closed(
     BatteryError
         When cell, plant or estimator cannot be used as asked.
     """
-    names = unique([find_policy(name).NAME for name in policies], "policy")
+    kinds = tuple(policy_kind(policy) for policy in policies)
+    names = unique([kind.name for kind in kinds], "policy")
     unique([concept.name for concept in concepts], "concept")
     given = None if mus is None else unique([float(mu) for mu in mus], "mu")
     if realizations < 1:
@@ -130,7 +131,7 @@ def compare_closed(
     parts = []
     for at, (problem, battery) in enumerate(zip(problems, batteries, strict=True)):
         before = at * (training.realizations + realizations)
-        task = _Task(problem, battery, loop, training, given, names, realizations, seed, jobs)
+        task = _Task(problem, battery, loop, training, given, kinds, realizations, seed, jobs)
         parts.append(_run(task, None if progress is None else _from(progress, before, total)))
     driven = problems[0].cycle
     return Comparison(
@@ -150,7 +151,7 @@ def compare_closed(
             "realizations": realizations,
             "seed": seed,
             "plant": loop.plant_name,
-            "estimator": loop.estimator,
+            "estimator": loop.estimator_name,
             "on_infeasible": on_infeasible,
             "grid": settings.model_dump(mode="json"),
             "closed_loop": {
@@ -192,7 +193,7 @@ class _Task:
     loop: ClosedLoop
     training: Training
     mus: tuple[float, ...] | None
-    names: tuple[str, ...]
+    kinds: tuple[PolicyKind, ...]
     realizations: int
     seed: int
     jobs: int
@@ -224,7 +225,7 @@ def _run(task: _Task, progress: Callable[[int], None] | None) -> _Part:
     claimed = float(np.quantile(identified.behaviour.variance, CLAIMED_SHARE))
     problem = replace(problem, uncertainty=model, least_reach=CLAIMS * claimed)
     mus = task.mus or (model.mu,)
-    solved = _solve(problem, task.names, mus, task.jobs)
+    solved = _solve(problem, task.kinds, mus, task.jobs)
     ensemble = run_ensemble(
         problem,
         solved,
@@ -235,38 +236,42 @@ def _run(task: _Task, progress: Callable[[int], None] | None) -> _Part:
         jobs=task.jobs,
         progress=None if progress is None else lambda done: progress(training.realizations + done),
     )
-    found = identified.to_json() | {"fit_on_the_trip": _fit_on_the_trip(problem, ensemble, identified)}
-    return _Part(_cases(problem, mus, task.names, solved, ensemble), found, ensemble.dropped)
+    found = identified.to_json() | {
+        "fit_on_the_trip": _fit_on_the_trip(problem, solved, ensemble, identified)
+    }
+    return _Part(_cases(problem, mus, task.kinds, solved, ensemble), found, ensemble.dropped)
 
 
 def _from(progress: Callable[[int, int], None], before: int, total: int) -> Callable[[int], None]:
     return lambda done: progress(before + done, total)
 
 
-def _key(name: str, mu: float) -> str:
+def _key(kind: PolicyKind, mu: float) -> str:
     """Key of a solution; a policy that does not depend on mu is solved and driven once."""
-    return f"{name} {mu!r}" if find_policy(name).DEPENDS_ON_MU else name
+    return f"{kind.name} {mu!r}" if kind.depends_on_mu else kind.name
 
 
-def _solve(problem: Problem, names: Sequence[str], mus: Sequence[float], jobs: int) -> dict[str, AnyPolicy]:
-    wanted = {_key(name, mu): (name, mu) for name in names for mu in mus}
+def _solve(
+    problem: Problem, kinds: Sequence[PolicyKind], mus: Sequence[float], jobs: int
+) -> dict[str, Policy]:
+    wanted = {_key(kind, mu): (kind, mu) for kind in kinds for mu in mus}
     run = joblib.Parallel(n_jobs=jobs, backend="threading")
-    found = run(joblib.delayed(build_policy)(name, problem.with_mu(mu)) for name, mu in wanted.values())
+    found = run(joblib.delayed(kind.build)(problem.with_mu(mu)) for kind, mu in wanted.values())
     return dict(zip(wanted, found, strict=True))
 
 
 def _cases(
     problem: Problem,
     mus: Sequence[float],
-    names: Sequence[str],
-    solved: Mapping[str, AnyPolicy],
+    kinds: Sequence[PolicyKind],
+    solved: Mapping[str, Policy],
     ensemble: Ensemble,
 ) -> list[Case]:
     concept, cases, served = problem.concept, [], set()
     rollouts = {key: summarise(problem, tracks) for key, tracks in ensemble.tracks.items()}
     for mu in mus:
-        for name in names:
-            key = _key(name, mu)
+        for kind in kinds:
+            key = _key(kind, mu)
             rollout, policy = rollouts[key], solved[key]
             consumption = [
                 problem.vehicle.fuel_l_per_100km(float(kg), problem.demand.distance_m)
@@ -276,11 +281,11 @@ def _cases(
                 Case(
                     concept=concept.name,
                     mu=mu,
-                    policy=name,
+                    policy=kind.name,
                     rollout=rollout,
-                    value_kg=policy.value_kg,
+                    value_kg=getattr(policy, "value_kg", None),
                     fuel_l_per_100km=np.array(consumption),
-                    solve_s=0.0 if key in served else policy.solve_s,
+                    solve_s=0.0 if key in served else getattr(policy, "solve_s", 0.0),
                     window=(concept.window.low, concept.window.high),
                     target_soc=concept.terminal.target_soc,
                 )
@@ -289,10 +294,12 @@ def _cases(
     return cases
 
 
-def _fit_on_the_trip(problem: Problem, ensemble: Ensemble, identified: Identified) -> dict[str, float] | None:
+def _fit_on_the_trip(
+    problem: Problem, solved: Mapping[str, Policy], ensemble: Ensemble, identified: Identified
+) -> dict[str, float] | None:
     """How the identified model fits on the trip itself, driven by the first policy that has a belief."""
     for key, tracks in ensemble.tracks.items():
-        if find_policy(key.split()[0]).NAME != "perfect_information" and len(ensemble.kept) > 1:
+        if not acts_on_truth(solved[key]) and len(ensemble.kept) > 1:
             behaviour = behaviour_of(tracks, problem.step_s)
             return fit_json(assess(behaviour, problem.pack, identified.fitted.model))
     return None

@@ -135,7 +135,7 @@ def identify(
     behaviour = behaviour_of(ensemble.tracks[RULES], problem.step_s)
     return Identified(
         concept=concept.name,
-        estimator=loop.estimator,
+        estimator=loop.estimator_name,
         plant=loop.plant_name,
         trip=trip.name,
         fitted=fit_uncertainty(behaviour, battery.pack, error_weight=error_weight, seed=seed),

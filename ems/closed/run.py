@@ -15,15 +15,15 @@ import numpy as np
 
 from bms.cell import Cell
 from bms.plants.fmu.errors import FmuCrash
-from ems._choose import TRUTH
 from ems._rollout import Tracks
 from ems._sdp import Grid
 from ems.closed.battery import ClosedLoop, FmuSource
 from ems.closed.plants import Start, open_plant
 from ems.closed.scatter import COMPARISON, Draws, draw_realization
+from ems.cost_to_go import Kept
 from ems.errors import EmsError
 from ems.loop import drive
-from ems.policies import AnyPolicy, CostToGoPolicy
+from ems.policies import CostToGoPolicy, Policy, acts_on_truth
 from ems.problem import Problem
 from ems.simulate import allocate_tracks, plant_grid
 
@@ -55,7 +55,7 @@ class Ensemble:
 @dataclass(frozen=True, eq=False)
 class _Job:
     problem: Problem
-    policies: dict[str, AnyPolicy]
+    policies: dict[str, Policy]
     loop: ClosedLoop
     cell: Cell
     seed: int
@@ -65,7 +65,7 @@ class _Job:
 
 def run_ensemble(
     problem: Problem,
-    policies: Mapping[str, AnyPolicy],
+    policies: Mapping[str, Policy],
     loop: ClosedLoop,
     cell: Cell,
     *,
@@ -153,7 +153,7 @@ def _run(job: _Job) -> dict[int, dict[str, Tracks] | str]:
 
 
 def _realize(
-    job: _Job, policies: Mapping[str, AnyPolicy], start: Start, grid: Grid, number: int
+    job: _Job, policies: Mapping[str, Policy], start: Start, grid: Grid, number: int
 ) -> dict[str, Tracks] | str:
     problem, concept = job.problem, job.problem.concept
     draws: Draws = draw_realization(job.seed, number, problem.steps, job.stream)
@@ -161,7 +161,7 @@ def _realize(
     try:
         for key, policy in policies.items():
             plant, told = start(draws)
-            knows_truth = policy.acts_on == TRUTH
+            knows_truth = acts_on_truth(policy)
             estimator = (
                 None if knows_truth else job.loop.make_estimator(job.cell, told, concept.initial_soc_sd)
             )
@@ -176,12 +176,14 @@ def _realize(
     return done
 
 
-def _own(policy: AnyPolicy) -> AnyPolicy:
+def _own(policy: Policy) -> Policy:
     """See a table that came as shared memory as a plain array: numba looks long at any other kind."""
     if not isinstance(policy, CostToGoPolicy):
         return policy
-    table = np.asarray(policy.solution.cost_to_go_kg)
-    return replace(policy, solution=replace(policy.solution, cost_to_go_kg=table))
+    stored = policy.solution.cost_to_go
+    if not isinstance(stored, Kept):
+        return policy
+    return replace(policy, solution=policy.solution.with_cost_to_go(np.asarray(stored.table)))
 
 
 def _stack(rows: Sequence[Tracks]) -> Tracks:

@@ -89,7 +89,7 @@ def identify_uncertainty(
         "schema": 1,
         "seed": seed,
         "plant": loop.plant_name,
-        "estimator": loop.estimator,
+        "estimator": loop.estimator_name,
         "identified": {one.concept: one.to_json() for one in found},
     }
     files = _write(found, cars, loop, result, out)
@@ -175,7 +175,7 @@ def _toml(one: Identified, loop: ClosedLoop) -> str:
     """The table for a concept's file."""
     model, errors = one.fitted.model, one.fitted.standard_errors
     lines = [
-        f"# {one.concept}: identified from {loop.estimator} on {loop.plant_name}, {one.trip},"
+        f"# {one.concept}: identified from {loop.estimator_name} on {loop.plant_name}, {one.trip},"
         f" {one.behaviour.current_A.shape[0]} realizations.",
         *(f"# {note}" for note in one.fitted.notes),
         "[uncertainty]",
