@@ -30,6 +30,7 @@ lint: $(VENV)/.lint
 
 docs: $(VENV)/.docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html
+	$(BIN)/python tools/check_links.py docs/_build/html
 
 # The lower bounds in pyproject.toml, tried: a second environment with the oldest versions they allow.
 lowest: $(VENV)/.run
