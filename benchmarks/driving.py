@@ -82,7 +82,7 @@ def _kernel(
     problem: Problem, policy: AnyPolicy, noise: Noise, known: Filter, rules: Rules
 ) -> Callable[[], Tracks]:
     pack = plant_grid(problem)
-    grid, cost_to_go = pack, np.zeros((1, 2, 1, 1), dtype=np.float32)
+    grid, cost_to_go = pack, np.zeros((problem.steps + 1, 2, 1, 1), dtype=np.float32)
     if isinstance(policy, CostToGoPolicy):
         grid, cost_to_go = policy.solution.grid, policy.solution.cost_to_go_kg
     tracks = start_tracks(problem, noise, knows_truth=policy.acts_on == TRUTH)
@@ -99,6 +99,8 @@ def _kernel(
             rules,
             known,
             False,
+            0,
+            problem.steps,
             noise.process,
             noise.measurement,
             tracks,

@@ -83,14 +83,13 @@ def slopes(value: Array) -> Array:
 def expectation(case: Case, after: Array, row: int) -> tuple[Array, Array]:
     """Values and slopes of the expected cost-to-go, shape (4, 2, n): coefficients of the current's powers."""
     grid, n = case.grid, after.shape[2]
-    middle = grid.weights.shape[1] // 2
     at: Array = np.zeros((len(SHARES), 2, n))
     for q, (source, operator, half) in enumerate(grid.plan[row]):
-        weights = grid.weights[operator, middle - half : middle + half + 1, :n]
+        weights = grid.weights[operator, :, :n]
         padded = np.pad(after[:, source], ((0, 0), (half, half)), mode="edge")
         sums = np.zeros((2, n))
         for t in range(2 * half + 1):
-            sums += weights[t] * padded[:, t : t + n]
+            sums += weights[abs(t - half)] * padded[:, t : t + n]
         at += grid.share[row, q, :, None, :n] * best_of_both(sums[0], sums[1], case.scalars.start_cost_kg)
     return powers(at), powers(slopes(at))
 

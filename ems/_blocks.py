@@ -12,15 +12,17 @@ from ems._ir import (
     Arguments,
     cgutils,
     fused,
+    higher,
     intrinsic,
     lower,
     read,
     shuffled,
     spread,
+    unary,
     vector,
     write,
 )
-from ems._lanes import CURRENTS, ENTRIES, LANES, SHARES
+from ems._lanes import CURRENTS, ENTRIES, LANES, SHARES, WEIGHTS
 
 NODES = 2 * LANES
 """Nodes whose expectation is taken together."""
@@ -28,7 +30,35 @@ NODES = 2 * LANES
 POWERS = np.linalg.inv(np.vander(SHARES, increasing=True)[1:, 1:])
 """Coefficients of the powers of the current, from the differences of the values to that at no current."""
 
-_PLAN = ("padded", "engine", "plan", "row", "first", "last", "weights", "share", "node", "start_cost", "out")
+_PLAN = (
+    "padded",
+    "engine",
+    "plan",
+    "row",
+    "first",
+    "last",
+    "weights",
+    "share",
+    "node",
+    "start_cost",
+    "out",
+    "line",
+)
+_MOVES = (
+    "pack",
+    "nodes",
+    "node",
+    "power_W",
+    "cost_kg",
+    "price",
+    "cells_per_A",
+    "share_per_A",
+    "cubic",
+    "control",
+    "cost",
+    "place",
+    "weights",
+)
 _TURN = ("values", "at", "stride", "out", "out_at", "out_stride")
 
 
@@ -46,6 +76,7 @@ def expect_block(
     node: Any,
     start_cost: Any,
     out: Any,
+    line: Any,
 ) -> Any:
     """Expectation of one variance row at NODES neighbouring nodes, for both engine states and all currents.
 
@@ -59,20 +90,23 @@ def expect_block(
         Elements from the engine off to the engine on in it.
     plan : ndarray of int, shape (r, levels, 3)
         Element of ``padded`` at which a level begins, element of ``weights`` at which its operator begins,
-        and number of taps.
+        and number of taps to either side.
     row, first, last : int
         Row, and levels of the plan that these nodes use.
     weights : ndarray, shape (operators, taps, nodes)
+        From the middle to one side; the other is the same.
     share : ndarray, shape (r, levels, CURRENTS, nodes)
     node : int
         First of the nodes.
     start_cost : float
-    out : ndarray, shape (r, 2, ENTRIES, nodes)
+    out : ndarray, shape (lines, 2, ENTRIES, nodes)
         Filled: the values at the currents.
+    line : int
+        Which line of ``out``.
     """
     whole = types.intp
     signature = types.void(
-        padded, whole, plan, whole, whole, whole, weights, share, whole, types.float64, out
+        padded, whole, plan, whole, whole, whole, weights, share, whole, types.float64, out, whole
     )
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -101,19 +135,23 @@ def _emit_expectation(builder: Any, given: Arguments) -> None:
     with cgutils.for_range(builder, builder.sub(given["last"], given["first"]), intp=whole) as loop:
         level = builder.add(builder.mul(given["row"], levels), builder.add(loop.index, given["first"]))
         entry = builder.mul(level, ir.Constant(whole, 3))
-        begin, operator, taps = (
+        begin, operator, reach = (
             builder.load(builder.gep(plan, [builder.add(entry, ir.Constant(whole, i))])) for i in range(3)
         )
         off = builder.add(begin, given["node"])
         starts = (off, builder.add(off, given["engine"]))
         at = builder.add(operator, given["node"])
-        for one in sums:
-            builder.store(zero, one)
-        with cgutils.for_range(builder, taps, intp=whole) as tap:
-            weight = read(builder, kernel, builder.add(at, builder.mul(tap.index, nodes)), kind)
+        weight = read(builder, kernel, at, kind)
+        for one, start in zip(sums, starts, strict=True):
+            builder.store(builder.fmul(weight, read(builder, source, start, kind)), one)
+        with cgutils.for_range(builder, reach, intp=whole) as tap:
+            away = builder.add(tap.index, ir.Constant(whole, 1))
+            weight = read(builder, kernel, builder.add(at, builder.mul(away, nodes)), kind)
             for one, start in zip(sums, starts, strict=True):
-                term = read(builder, source, builder.add(start, tap.index), kind)
-                builder.store(builder.call(multiply_add, [weight, term, builder.load(one)]), one)
+                above = read(builder, source, builder.add(start, away), kind)
+                below = read(builder, source, builder.sub(start, away), kind)
+                both = builder.fadd(above, below)
+                builder.store(builder.call(multiply_add, [weight, both, builder.load(one)]), one)
         stay, go = (builder.load(one) for one in sums)
         least = (lower(builder, stay, builder.fadd(go, start_cost)), lower(builder, stay, go))
         for m in range(CURRENTS):
@@ -124,8 +162,123 @@ def _emit_expectation(builder: Any, given: Arguments) -> None:
     target, _ = given.array("out")
     for e in range(2):
         for m in range(CURRENTS):
-            there = line_of(given["row"], 2 * ENTRIES, ENTRIES * e + m)
+            there = line_of(given["line"], 2 * ENTRIES, ENTRIES * e + m)
             write(builder, builder.load(totals[CURRENTS * e + m]), target, there)
+
+
+@intrinsic
+def moves_block(
+    context: Any,
+    pack: Any,
+    nodes: Any,
+    node: Any,
+    power_W: Any,
+    cost_kg: Any,
+    price: Any,
+    cells_per_A: Any,
+    share_per_A: Any,
+    cubic: Any,
+    control: Any,
+    cost: Any,
+    place: Any,
+    weights: Any,
+) -> Any:
+    """What one control does at NODES neighbouring nodes; the numbers of `ems._moves`.
+
+    Parameters
+    ----------
+    pack : ndarray, shape (5, nodes and some)
+        OCV, resistances and current limits, as `ems._sdp.pack_table` lays them.
+    nodes, node : int
+        Nodes of the grid, and the first of these.
+    power_W, cost_kg : float
+        Battery power and cost of the control.
+    price : float
+        Of discharge power that the limits withhold, kg/W.
+    cells_per_A, share_per_A : float
+        Cells that the estimate moves, and share of the largest current.
+    cubic : bool
+        Cubic look-ups in SOC, or linear ones.
+    control : int
+        Which line of the arrays to fill.
+    cost, place : ndarray, shape (C, NODES)
+    weights : ndarray, shape (C, WEIGHTS, NODES)
+    """
+    whole, number = types.intp, types.float64
+    signature = types.void(
+        pack, whole, whole, number, number, number, number, number, types.boolean, whole, cost, place, weights
+    )
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        _emit_moves(builder, Arguments(context, builder, signature, args, _MOVES))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _emit_moves(builder: Any, given: Arguments) -> None:
+    kind, whole = vector(NODES), given["node"].type
+    wholes = ir.VectorType(whole, NODES)
+    pack, (_, width) = given.array("pack")
+
+    def column(line: int) -> Any:
+        offset = builder.add(builder.mul(width, ir.Constant(whole, line)), given["node"])
+        return read(builder, pack, offset, kind)
+
+    def same(number: float) -> Any:
+        return ir.Constant(kind, [float(number)] * NODES)
+
+    def given_same(name: str) -> Any:
+        return spread(builder, given[name], kind)
+
+    ocv, out_ohm, in_ohm, low, high = (column(line) for line in range(5))
+    power, zero = given_same("power_W"), same(0.0)
+    discharges = builder.fcmp_ordered("<", given["power_W"], ir.Constant(ir.DoubleType(), 0.0))
+    ohm = builder.select(discharges, out_ohm, in_ohm)
+    square = builder.fadd(builder.fmul(ocv, ocv), builder.fmul(builder.fmul(same(4.0), ohm), power))
+    root = builder.call(unary(builder, "sqrt", kind), [higher(builder, square, zero)])
+    wanted = builder.fdiv(builder.fmul(same(2.0), power), builder.fadd(ocv, root))
+    current = lower(builder, higher(builder, wanted, low), high)
+    delivered = builder.fmul(low, builder.fadd(ocv, builder.fmul(ohm, low)))
+    missing = higher(builder, builder.fsub(delivered, power), zero)
+    short = builder.fcmp_ordered("==", current, low)
+    missing = builder.select(discharges, builder.select(short, missing, zero), zero)
+    cost = builder.fadd(given_same("cost_kg"), builder.fmul(missing, given_same("price")))
+
+    here = builder.add(spread(builder, given["node"], wholes), ir.Constant(wholes, list(range(NODES))))
+    position = builder.sitofp(here, kind)
+    last_node = builder.sub(given["nodes"], ir.Constant(whole, 1))
+    last = builder.sitofp(spread(builder, last_node, wholes), kind)
+    move = builder.fmul(given_same("cells_per_A"), current)
+    move = lower(builder, higher(builder, move, builder.fsub(zero, position)), builder.fsub(last, position))
+    cells = builder.call(unary(builder, "floor", kind), [move])
+    part = builder.fsub(move, cells)
+    place = builder.add(here, builder.fptosi(cells, wholes))
+
+    rest = builder.fsub(same(1.0), part)
+    part_2 = builder.fmul(part, part)
+    linear = (rest, zero, part, zero)
+    twice = builder.fmul(same(2.0), part)
+    cubic = (
+        builder.fmul(builder.fmul(builder.fadd(same(1.0), twice), rest), rest),
+        builder.fmul(builder.fmul(part, rest), rest),
+        builder.fmul(part_2, builder.fsub(same(3.0), twice)),
+        builder.fsub(zero, builder.fmul(part_2, rest)),
+    )
+    share = builder.fmul(given_same("share_per_A"), builder.call(unary(builder, "fabs", kind), [current]))
+    found = [builder.select(given["cubic"], c, s) for c, s in zip(cubic, linear, strict=True)]
+    power_of = share
+    for _ in range(CURRENTS - 1):
+        found.append(power_of)
+        power_of = builder.fmul(share, power_of)
+
+    line = builder.mul(given["control"], ir.Constant(whole, NODES))
+    write(builder, cost, given.array("cost")[0], line)
+    write(builder, place, given.array("place")[0], line)
+    weights, _ = given.array("weights")
+    for w, weight in enumerate(found):
+        block = builder.add(builder.mul(given["control"], ir.Constant(whole, WEIGHTS)), ir.Constant(whole, w))
+        write(builder, weight, weights, builder.mul(block, ir.Constant(whole, NODES)))
 
 
 @intrinsic

@@ -33,9 +33,13 @@ def pad(after: Array, width: int, out: Array) -> None:
     for e in range(2):
         for r in range(after.shape[1]):
             value, padded = after[e, r], out[e, r]
-            padded[:width] = value[0]
-            padded[width : width + n] = value
-            padded[width + n :] = value[n - 1]
+            for j in range(width):
+                padded[j] = value[0]
+            inside = padded[width:]
+            for j in range(n):
+                inside[j] = value[j]
+            for j in range(n, inside.size):
+                inside[j] = value[n - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -50,6 +54,7 @@ def least_next(start_cost_kg: float, off: Array, on: Array) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def expect_row(
     row: int,
+    line: int,
     padded: Array,
     start_cost_kg: float,
     cubic: bool,
@@ -64,35 +69,48 @@ def expect_row(
 
     Parameters
     ----------
-    row : int
-        The row.
+    row, line : int
+        The row, and the line of ``entries`` to fill.
     padded : ndarray
         Cost-to-go of the next stage, from `pad`.
     plan, levels, weights, share : ndarray
         As in `ems._sdp.Grid`.
     nodes : int
         Number of nodes of the grid; arrays go on to the end of a block.
-    entries : ndarray, shape (r, 2, ENTRIES, nodes and some)
-        Row ``row`` is filled.
+    entries : ndarray, shape (lines, 2, ENTRIES, nodes and some)
     """
     engine = padded.shape[1] * padded.shape[2]
     for block in range(levels.shape[1]):
-        first, last = levels[row, block, 0], levels[row, block, 1]
+        node, first, last = block * NODES, levels[row, block, 0], levels[row, block, 1]
         expect_block(
-            padded, engine, plan, row, first, last, weights, share, block * NODES, start_cost_kg, entries
+            padded,
+            engine,
+            plan,
+            row,
+            first,
+            last,
+            weights,
+            share,
+            node,
+            start_cost_kg,
+            entries,
+            line,
         )
     for e in range(2):
         for m in range(CURRENTS if cubic else 0):
-            node_slopes(entries[row, e, m, :nodes], entries[row, e, CURRENTS + m, :nodes])
+            node_slopes(entries[line, e, m, :nodes], entries[line, e, CURRENTS + m, :nodes])
         for group in range(2 if cubic else 1):
             for block in range(levels.shape[1]):
-                coefficients_block(entries, (2 * row + e) * 2 + group, block * NODES)
+                coefficients_block(entries, (2 * line + e) * 2 + group, block * NODES)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lay_down(entries: Array, nodes: int, table: Array) -> None:
-    """Turn entries (r, 2, ENTRIES, nodes and some) into tables (2, nodes, ENTRIES, r); repeat the last."""
-    rows, _, lines, width = entries.shape
+def lay_down(entries: Array, nodes: int, row: int, rows: int, table: Array) -> None:
+    """Turn entries of one or LANES rows into their place in tables of (2, nodes, ENTRIES, rows).
+
+    The last node is repeated: a control may lead there, to its upper end.
+    """
+    lines, width = entries.shape[2], entries.shape[3]
     stride = lines * rows
     for e in range(2):
         out = table[e]
@@ -103,8 +121,10 @@ def lay_down(entries: Array, nodes: int, table: Array) -> None:
         else:
             for j in range(0, nodes, LANES):
                 for line in range(lines):
-                    for row in range(0, rows, LANES):
-                        start = ((row * 2 + e) * lines + line) * width + j
-                        into = j * stride + line * rows + row
-                        transpose_block(entries, start, 2 * lines * width, out, into, stride)
-        out[nodes * stride : (nodes + 1) * stride] = out[(nodes - 1) * stride : nodes * stride]
+                    start = (e * lines + line) * width + j
+                    into = j * stride + line * rows + row
+                    transpose_block(entries, start, 2 * lines * width, out, into, stride)
+        for line in range(lines):
+            at = nodes * stride + line * rows + row
+            for lane in range(min(LANES, rows)):
+                out[at + lane] = out[at + lane - stride]

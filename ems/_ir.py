@@ -29,9 +29,12 @@ def vector(lanes: int) -> Any:
 
 def fused(builder: Any, kind: Any) -> Any:
     """Function that multiplies and adds, rounding once where the machine can."""
-    suffix = "f64" if kind is DOUBLE else f"v{kind.count}f64"
     signature = ir.FunctionType(kind, [kind, kind, kind])
-    return cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.{suffix}")
+    return cgutils.get_or_insert_function(builder.module, signature, f"llvm.fmuladd.{_suffix(kind)}")
+
+
+def _suffix(kind: Any) -> str:
+    return "f64" if kind is DOUBLE else f"v{kind.count}f64"
 
 
 def spread(builder: Any, number: Any, kind: Any) -> Any:
@@ -50,6 +53,17 @@ def shuffled(builder: Any, low: Any, high: Any, order: Sequence[int]) -> Any:
 def lower(builder: Any, one: Any, other: Any) -> Any:
     """Lesser of two, lane by lane."""
     return builder.select(builder.fcmp_ordered("<", one, other), one, other)
+
+
+def higher(builder: Any, one: Any, other: Any) -> Any:
+    """Greater of two, lane by lane."""
+    return builder.select(builder.fcmp_ordered(">", one, other), one, other)
+
+
+def unary(builder: Any, name: str, kind: Any) -> Any:
+    """One of LLVM's functions of one number or vector: sqrt, floor, fabs."""
+    signature = ir.FunctionType(kind, [kind])
+    return cgutils.get_or_insert_function(builder.module, signature, f"llvm.{name}.{_suffix(kind)}")
 
 
 def read(builder: Any, pointer: Any, offset: Any, kind: Any) -> Any:

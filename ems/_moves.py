@@ -10,8 +10,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ems._interpolate import hermite_weights
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -65,33 +63,3 @@ def places(cells_per_A: float, current_A: Array, place: Ints, part: Array) -> No
         cells = np.floor(move)
         place[j] = j + int(cells)
         part[j] = move - cells
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def look_up_weights(cubic: bool, share_per_A: float, current_A: Array, part: Array, weights: Array) -> None:
-    """Fill ``weights``, shape (WEIGHTS, n): four of the cell, then the powers of the current's share."""
-    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    if cubic:
-        for j in range(part.size):
-            w0[j], _, _, _ = hermite_weights(part[j], True)
-        for j in range(part.size):
-            _, w1[j], _, _ = hermite_weights(part[j], True)
-        for j in range(part.size):
-            _, _, w2[j], _ = hermite_weights(part[j], True)
-        for j in range(part.size):
-            _, _, _, w3[j] = hermite_weights(part[j], True)
-    else:
-        w1[:] = 0.0
-        w3[:] = 0.0
-        for j in range(part.size):
-            w0[j] = 1.0 - part[j]
-            w2[j] = part[j]
-    for m in range(4, weights.shape[0]):
-        power = weights[m]
-        if m == 4:
-            for j in range(part.size):
-                power[j] = share_per_A * abs(current_A[j])
-        else:
-            first, before = weights[4], weights[m - 1]
-            for j in range(part.size):
-                power[j] = first[j] * before[j]

@@ -38,10 +38,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ems._blocks import NODES, moves_block
 from ems._expect import expect_row, lay_down, least_next, pad
 from ems._ir import fma
 from ems._lanes import ENTRIES, LANES, WEIGHTS, lowest_at_node
-from ems._moves import costs, currents, look_up_weights, places
+from ems._moves import costs, currents, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -63,11 +64,9 @@ class Grid(NamedTuple):
     level_step: float  # spacing of sqrt(variance) between the target levels
     level: Array  # (q,) variances of the target levels
     posterior: Array  # (r, n) next variance without current
-    weights: Array  # (operators, taps, n and some) smoothing weights, taps centred on the node
+    weights: Array  # (operators, taps, n and some) smoothing weights, from the middle to one side
     plan: Ints  # (r, most levels, 3) level of J, operator and taps to either side of the levels a row reaches
-    levels: (
-        Ints  # (r, blocks, 2) first of these levels that a block of nodes uses, and the one after the last
-    )
+    levels: Ints  # (r, blocks, 2) first of these levels that a block of nodes uses, and the last plus one
     share: Array  # (r, most levels, CURRENTS, n and some) their weights at each of the currents
     cubic: bool  # cubic look-ups in SOC, or linear ones
 
@@ -117,8 +116,96 @@ def control_moves(
     if discharges:
         costs(power_W, cost_kg, price, grid.ocv_V, ohm, grid.current_low_A, current_A, cost)
     else:
-        cost[:] = cost_kg
+        cost.fill(cost_kg)
     places(scalars.charge_to_soc / grid.soc_step, current_A, place, part)
+
+
+class Room(NamedTuple):
+    """Working memory of `rows_stage`."""
+
+    pack: Array  # (5, n and some) battery tables
+    padded: Array  # (2, r, n and more) cost-to-go, constant beyond its ends
+    plan: Ints  # (r, most levels, 3) places in `padded` and `Grid.weights`
+    entries: Array  # (lanes of a block, 2, ENTRIES, n and some)
+    table: Array  # (2, (n + 1) ENTRIES r), r in whole blocks
+    power_W: Array  # (C,) distinct controls
+    cost_kg: Array  # (C,)
+    cost: Array  # (C, NODES)
+    place: Ints  # (C, NODES)
+    weights: Array  # (C, WEIGHTS, NODES)
+    best: Array  # (2, NODES r)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def make_room(grid: Grid, rows: int, controls: int) -> Room:
+    """Allocate the working memory for a number of variance rows and controls."""
+    wide, n = grid.share.shape[3], grid.ocv_V.size
+    side = grid.weights.shape[1] - 1
+    lanes = rows if rows == 1 else (rows + LANES - 1) // LANES * LANES
+    padded = np.empty((2, rows, wide + 2 * side))
+    plan = np.empty_like(grid.plan)
+    for r in range(rows):
+        for q in range(plan.shape[1]):
+            plan[r, q, 0] = grid.plan[r, q, 0] * padded.shape[2] + side
+            plan[r, q, 1] = grid.plan[r, q, 1] * grid.weights.shape[1] * grid.weights.shape[2]
+            plan[r, q, 2] = grid.plan[r, q, 2]
+    pack = np.empty((5, wide))
+    for j in range(wide):
+        at = min(j, n - 1)
+        pack[0, j] = grid.ocv_V[at]
+        pack[1, j] = grid.discharge_ohm[at]
+        pack[2, j] = grid.charge_ohm[at]
+        pack[3, j] = grid.current_low_A[at]
+        pack[4, j] = grid.current_high_A[at]
+    return Room(
+        pack,
+        padded,
+        plan,
+        np.zeros((min(lanes, LANES), 2, ENTRIES, wide)),
+        np.zeros((2, (wide + 1) * ENTRIES * lanes)),
+        np.empty(controls),
+        np.empty(controls),
+        np.empty((controls, NODES)),
+        np.empty((controls, NODES), np.int64),
+        np.empty((controls, WEIGHTS, NODES)),
+        np.empty((2, NODES * lanes)),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def distinct(power_W: Array, cost_kg: Array, some_W: Array, some_kg: Array) -> int:
+    """Copy the controls that do not repeat the one before, and return their number."""
+    count = 0
+    for c in range(power_W.size):
+        if not repeats(power_W, cost_kg, c):
+            some_W[count], some_kg[count] = power_W[c], cost_kg[c]
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tabulate(grid: Grid, start_cost_kg: float, after: Array, room: Room) -> None:
+    """Tabulate the expectation of a step for every row, LANES rows at a time."""
+    rows, n = after.shape[1], after.shape[2]
+    lanes = room.table.shape[1] // ((room.pack.shape[1] + 1) * ENTRIES)
+    pad(after, grid.weights.shape[1] - 1, room.padded)
+    for row in range(rows):
+        line = row % LANES
+        expect_row(
+            row,
+            line,
+            room.padded,
+            start_cost_kg,
+            grid.cubic,
+            room.plan,
+            grid.levels,
+            grid.weights,
+            grid.share,
+            n,
+            room.entries,
+        )
+        if line == LANES - 1 or row == rows - 1:
+            lay_down(room.entries, n, row - line, lanes, room.table)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -128,55 +215,45 @@ def rows_stage(
     power_W: Array,
     cost_kg: Array,
     after: Array,
-    lanes: int,
-    table: Array,
-    padded: Array,
-    plan: Ints,
-    entries: Array,
-    current_A: Array,
-    cost: Array,
-    place: Ints,
-    part: Array,
-    weights: Array,
-    best: Array,
+    room: Room,
     now: Array,
 ) -> None:
     """One stage, variance rows side by side; ``now`` is filled without the penalty."""
     rows, n = after.shape[1], after.shape[2]
-    count = 0
-    for c in range(power_W.size):
-        if not repeats(power_W, cost_kg, c):
-            control_moves(grid, scalars, power_W[c], cost_kg[c], current_A, cost[count], place[count], part)
-            look_up_weights(grid.cubic, 1.0 / grid.largest_A, current_A, part, weights[count])
-            count += 1
-    pad(after, grid.weights.shape[1] // 2, padded)
-    for r in range(rows):
-        expect_row(
-            r,
-            padded,
-            scalars.start_cost_kg,
-            grid.cubic,
-            plan,
-            grid.levels,
-            grid.weights,
-            grid.share,
-            n,
-            entries,
-        )
-    lay_down(entries, n, table)
-    for e in range(2):
-        first, last = (1, count) if e else (0, 1)
-        for j in range(n):
-            lowest_at_node(table[e], lanes, place, weights, cost, j, first, last, best[e])
+    tabulate(grid, scalars.start_cost_kg, after, room)
+    count = distinct(power_W, cost_kg, room.power_W, room.cost_kg)
+    some_W, some_kg = room.power_W, room.cost_kg
+    pack, cost, place, weights = room.pack, room.cost, room.place, room.weights
+    table_off, table_on, best_off, best_on = room.table[0], room.table[1], room.best[0], room.best[1]
+    lanes = best_on.size // NODES
+    price = scalars.step_s * scalars.shortfall_kg_per_J
+    cells_per_A = scalars.charge_to_soc / grid.soc_step
+    share_per_A, cubic = 1.0 / grid.largest_A, grid.cubic
+    for node in range(0, n, NODES):
+        for c in range(count):
+            moves_block(
+                pack,
+                n,
+                node,
+                some_W[c],
+                some_kg[c],
+                price,
+                cells_per_A,
+                share_per_A,
+                cubic,
+                c,
+                cost,
+                place,
+                weights,
+            )
+        here = min(NODES, n - node)
+        for j in range(here):
+            lowest_at_node(table_off, lanes, place, weights, cost, j, 0, 1, best_off)
+            lowest_at_node(table_on, lanes, place, weights, cost, j, 1, count, best_on)
         for r in range(rows):
-            lift(best[e], r, lanes, now[e, r])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def lift(best: Array, row: int, lanes: int, out: Array) -> None:
-    """Take one row out of a flat array (n, lanes)."""
-    for j in range(out.size):
-        out[j] = best[j * lanes + row]
+            for j in range(here):
+                now[0, r, node + j] = best_off[j * lanes + r]
+                now[1, r, node + j] = best_on[j * lanes + r]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -238,10 +315,11 @@ def nodes_stage(
 ) -> None:
     """One stage of a program without noise, linear in SOC; ``now`` is filled without the penalty."""
     n = after.shape[2]
-    value[:, :n] = after[:, 0]
+    for j in range(n):
+        value[0, j], value[1, j] = after[0, 0, j], after[1, 0, j]
     least_next(scalars.start_cost_kg, value[0, :n], value[1, :n])
     value[0, n], value[1, n] = value[0, n - 1], value[1, n - 1]
-    now[:] = np.inf
+    now.fill(np.inf)
     for c in range(power_W.size):
         if not repeats(power_W, cost_kg, c):
             control_moves(grid, scalars, power_W[c], cost_kg[c], current_A, cost, place, part)
@@ -285,19 +363,10 @@ def sweep(
     steps, controls = stages.power_W.shape
     rows, n = penalty.shape
     single = grid.level.size == 1 and not grid.cubic and not general
-    lanes = rows if rows == 1 else (rows + LANES - 1) // LANES * LANES
-    many = 1 if single else controls
     after, now = last.copy(), np.empty((2, rows, n))
-    cost, part = np.empty((many, n)), np.empty(n)
-    place = np.empty((many, n), np.int64)
-    current_A = np.empty(n)
-    weights = np.empty((many, WEIGHTS, n))
-    wide = grid.share.shape[3]
-    table = np.zeros((2, (wide + 1) * (ENTRIES * lanes if not single else 1)))
-    best = np.empty((2, n * lanes))
-    padded = np.empty((2, rows, wide + grid.weights.shape[1] - 1))
-    plan = elements(grid.plan, padded.shape[2], grid.weights)
-    entries = np.zeros((lanes, 2, ENTRIES, wide))
+    current_A, cost, part, place = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
+    value = np.empty((2, n + 1))
+    room = make_room(grid, rows, 1 if single else controls)
     lowest = np.empty(n)
     keep = kept.shape[0] > 0
     least = float(after.min())
@@ -307,30 +376,10 @@ def sweep(
     for k in range(steps - 1, -1, -1):
         power_W, cost_kg = stages.power_W[k], stages.cost_kg[k]
         if single:
-            nodes_stage(
-                grid, scalars, power_W, cost_kg, after, table, current_A, cost[0], place[0], part, now
-            )
+            nodes_stage(grid, scalars, power_W, cost_kg, after, value, current_A, cost, place, part, now)
         else:
-            rows_stage(
-                grid,
-                scalars,
-                power_W,
-                cost_kg,
-                after,
-                lanes,
-                table,
-                padded,
-                plan,
-                entries,
-                current_A,
-                cost,
-                place,
-                part,
-                weights,
-                best,
-                now,
-            )
-        lowest[:] = np.inf
+            rows_stage(grid, scalars, power_W, cost_kg, after, room, now)
+        lowest.fill(np.inf)
         for e in range(2):
             for r in range(rows):
                 add_penalty(penalty[r], now[e, r], lowest)
@@ -340,20 +389,6 @@ def sweep(
         if keep:
             keep_stage(after, least, kept[k])
     return after
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def elements(plan: Ints, width: int, weights: Array) -> Ints:
-    """Turn a plan's levels and operators into places in the flat arrays that `expect_block` reads."""
-    result = np.empty_like(plan)
-    middle = weights.shape[1] // 2
-    for r in range(plan.shape[0]):
-        for q in range(plan.shape[1]):
-            source, operator, half = plan[r, q]
-            result[r, q, 0] = source * width + middle - half
-            result[r, q, 1] = (operator * weights.shape[1] + middle - half) * weights.shape[2]
-            result[r, q, 2] = 2 * half + 1
-    return result
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -183,11 +183,11 @@ def _grid(
     discharge_ohm, charge_ohm = pack.resistances_ohm(nodes)
     low_A, high_A = pack.current_limits_A(nodes)
     weights = smoothing_weights(spread, soc_step)
+    weights = weights[:, weights.shape[1] // 2 :]  # the other side is the same
     used = np.abs(weights).max(axis=2) > NEGLIGIBLE_WEIGHT
     weights[~used] = 0.0
-    weights /= weights.sum(axis=1, keepdims=True)
-    distance = np.abs(np.arange(weights.shape[1]) - weights.shape[1] // 2)
-    half = np.array([int(distance[row].max()) for row in used])
+    weights /= 2.0 * weights.sum(axis=1, keepdims=True) - weights[:, :1]
+    side = np.array([int(np.flatnonzero(row).max()) for row in used])
     largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
     shares = _level_shares(level, posterior, drift_per_A * largest_A)
     first, most = _reached(shares)
@@ -197,7 +197,7 @@ def _grid(
         reached = slice(lowest, lowest + most)
         plan[row, :, 0], plan[row, :, 1] = source_row[row, reached], operator[row, reached]
         share[row, ..., : nodes.size] = shares[row, reached]
-    plan[..., 2] = half[plan[..., 1]]
+    plan[..., 2] = side[plan[..., 1]]
     return Grid(
         soc_first=float(nodes[0]),
         soc_step=soc_step,

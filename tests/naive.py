@@ -55,11 +55,13 @@ def interpolate(value, x, cubic):
 
 
 def smooth(value, weights):
-    """Apply a smoothing operator (taps, n); beyond its ends the table is constant."""
+    """Apply a smoothing operator, (taps from the middle on, n); beyond its ends the table is constant."""
     taps, n = weights.shape
-    half = taps // 2
     return np.array(
-        [sum(weights[t, j] * value[min(max(j + t - half, 0), n - 1)] for t in range(taps)) for j in range(n)]
+        [
+            sum(weights[abs(t), j] * value[min(max(j + t, 0), n - 1)] for t in range(1 - taps, taps))
+            for j in range(n)
+        ]
     )
 
 
