@@ -24,7 +24,7 @@ _REPORT = "report.html"
 _TIMING = "solve_s"
 
 
-def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path) -> None:
+def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path, jobs: int = 1) -> None:
     """Write a comparison to a folder, as a whole or not at all.
 
     Only ``result.json`` holds timings; of the same comparison every other file has the same bytes.
@@ -37,6 +37,8 @@ def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path) -> 
         The object that ``socwise compare --json`` prints for it; NaN and infinity are written as null.
     out : Path
         The folder. Earlier results in it are replaced once the new ones are complete.
+    jobs : int
+        Processes that draw the figures, where there are enough data for several.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def write(comparison: Comparison, result_json: Mapping[str, Any], out: Path) -> 
         files = case_files(comparison.cases)
         for case, name in zip(comparison.cases, files, strict=True):
             write_case(case, comparison.seed, folder / name)
-        write_figures(comparison, folder / "figures")
+        write_figures(comparison, folder / "figures", jobs)
         manifest = _manifest(comparison, files, files_below(folder))
         write_json(folder / MANIFEST, manifest)
         write_report(read(folder), folder / _REPORT)

@@ -173,15 +173,23 @@ def test_the_whole_set_is_written_in_both_formats(comparison, tmp_path):
         assert b"<dc:date>" not in content
 
 
+def test_two_processes_write_what_one_writes(comparison, tmp_path, monkeypatch):
+    few = dataclasses.replace(comparison, cases=comparison.cases[:1])
+    monkeypatch.setattr("socwise.figures.files.WORTH_A_PROCESS", 1)
+    one = figures.write_figures(few, tmp_path / "one", jobs=1)
+    two = figures.write_figures(few, tmp_path / "two", jobs=2)
+    assert {path.name: path.read_bytes() for path in one} == {path.name: path.read_bytes() for path in two}
+
+
 def test_a_users_concept_gives_safe_file_names(comparison):
     own = dataclasses.replace(comparison.cases[0], concept="../my car.toml")
-    names = [name for name, _ in _figures(dataclasses.replace(comparison, cases=(own,)))]
+    names = list(_figures(dataclasses.replace(comparison, cases=(own,))))
     assert "concept1_soc" in names
     assert not any(set(name) & set("/. ") for name in names)
 
 
 def test_panels_that_share_an_axis_show_all_of_every_case(comparison):
-    figure = dict(_figures(comparison))["hev_uncertainty"]
+    figure = _figures(comparison)["hev_uncertainty"]()
     for ax in figure.axes:
         top = ax.get_ylim()[1]
         assert all(np.max(line.get_ydata()) <= top for line in ax.lines)

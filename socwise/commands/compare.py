@@ -145,7 +145,7 @@ def compare(
         else:
             comparison = _loop_comparison(cars, cycle, loop, training, training_realizations, given, advance)
     with progress("drawing figures and writing the report"):
-        write(comparison, {**to_json(comparison), **ensemble_json(comparison), **effects}, out)
+        write(comparison, {**to_json(comparison), **ensemble_json(comparison), **effects}, out, jobs)
     _show(read(out), as_json=as_json)
 
 

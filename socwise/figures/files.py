@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 150
+WORTH_A_PROCESS = 1_000_000
+"""Samples of the true SOC, over all cases, from which on another process is worth its start."""
 _GREYS = frozenset({ESTIMATE, LIMIT})
 _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "socwise",
@@ -31,7 +34,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def write_figures(comparison: Comparison, out: Path) -> list[Path]:
+def write_figures(comparison: Comparison, out: Path, jobs: int = 1) -> list[Path]:
     """Draw every figure of a comparison and write each as PNG (150 dpi) and SVG.
 
     Parameters
@@ -40,18 +43,42 @@ def write_figures(comparison: Comparison, out: Path) -> list[Path]:
         What to draw.
     out : Path
         Folder for the files; created if absent.
+    jobs : int
+        Processes that draw, where there is enough to draw.
 
     Returns
     -------
     list of Path
         The files. The same comparison gives the same bytes.
     """
-    import matplotlib
+    import joblib
 
     out.mkdir(parents=True, exist_ok=True)
+    shares = _shares(comparison, min(jobs, _samples(comparison) // WORTH_A_PROCESS))
+    run = joblib.Parallel(n_jobs=len(shares), mmap_mode="r")
+    written = run(joblib.delayed(_write)(comparison, share, out) for share in shares)
+    return [path for paths in written for path in paths]
+
+
+def _samples(comparison: Comparison) -> int:
+    return sum(case.rollout.soc.size for case in comparison.cases)
+
+
+def _shares(comparison: Comparison, processes: int) -> list[list[str]]:
+    """Deal the names of the figures out, those of a concept alternately: they take about as long."""
+    names = list(_figures(comparison))
+    count = max(1, min(processes, len(names)))
+    return [names[number::count] for number in range(count)]
+
+
+def _write(comparison: Comparison, names: Sequence[str], out: Path) -> list[Path]:
+    import matplotlib
+
+    figures = _figures(comparison)
     written = []
     with matplotlib.rc_context(_STYLE):
-        for name, figure in _figures(comparison):
+        for name in names:
+            figure = figures[name]()
             for suffix, metadata in ((".png", None), (".svg", {"Date": None})):
                 path = out / f"{name}{suffix}"
                 figure.savefig(path, dpi=DPI, metadata=metadata)
@@ -61,25 +88,29 @@ def write_figures(comparison: Comparison, out: Path) -> list[Path]:
     return written
 
 
-def _figures(comparison: Comparison) -> Iterator[tuple[str, Figure]]:
-    yield "cycle", _cycle(comparison)
+def _figures(comparison: Comparison) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure, by its name."""
+    figures: dict[str, Callable[[], Figure]] = {"cycle": partial(_cycle, comparison)}
     if not comparison.cases:
-        return
+        return figures
     concepts = list(dict.fromkeys(case.concept for case in comparison.cases))
-    yield "cost", _cost(comparison, concepts)
+    figures["cost"] = partial(_cost, comparison, concepts)
     if STOCHASTIC in {case.policy for case in comparison.cases}:
-        yield "differences", _differences(comparison, concepts)
+        figures["differences"] = partial(_differences, comparison, concepts)
     for number, concept in enumerate(concepts, start=1):
         cases = [case for case in comparison.cases if case.concept == concept]
         tag = concept if concept in {"hev", "phev"} else f"concept{number}"
-        yield f"{tag}_soc", _grid(cases, plot_soc, "SOC, true and estimated, first realization")
         count = len(cases[0].rollout.fuel_kg)
-        yield f"{tag}_ensemble", _grid(cases, plot_ensemble, f"true SOC, all {count} realizations")
-        yield f"{tag}_error", _grid(cases, plot_error, "error of the SOC estimate, first realization")
-        yield f"{tag}_uncertainty", _uncertainty(cases)
-        yield f"{tag}_operation", _operation(cases)
+        figures |= {
+            f"{tag}_soc": partial(_grid, cases, plot_soc, "SOC, true and estimated, first realization"),
+            f"{tag}_ensemble": partial(_grid, cases, plot_ensemble, f"true SOC, all {count} realizations"),
+            f"{tag}_error": partial(_grid, cases, plot_error, "error of the SOC estimate, first realization"),
+            f"{tag}_uncertainty": partial(_uncertainty, cases),
+            f"{tag}_operation": partial(_operation, cases),
+        }
         if "closed_loop" in comparison.settings:
-            yield f"{tag}_identified", _identified(comparison, cases)
+            figures[f"{tag}_identified"] = partial(_identified, comparison, cases)
+    return figures
 
 
 def _cycle(comparison: Comparison) -> Figure:
