@@ -27,6 +27,7 @@ from socwise.commands.identify_uncertainty import identify_uncertainty
 from socwise.commands.inertia import inertia
 from socwise.commands.report import report
 from socwise.commands.reproduce import reproduce
+from socwise.commands.run import run
 from socwise.commands.screen import complain
 from socwise.commands.solve import solve
 from socwise.commands.traffic import traffic
@@ -36,6 +37,7 @@ INTERRUPTED = 130
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 app.command()(compare)
+app.command()(run)
 app.command()(solve)
 app.command()(estimate)
 app.add_typer(cosim, name="cosim")

@@ -39,6 +39,7 @@ EXAMPLES = {"bms_on_a_log": False, "certainty_equivalence": True, "traffic_to_po
 """Example scripts, and whether they are slow."""
 
 NOT_RUN = {
+    "atlas": ["socwise run docs/studies/atlas.toml"],
     "benchmarks": ["make bench", "ns per unit", "CPU, ns per unit", "CPU, ns per unit", "wall, ns per unit"],
     "cli": [
         "socwise COMMAND --help",

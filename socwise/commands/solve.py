@@ -90,7 +90,7 @@ def _check_out(out: Path) -> None:
 
 def _summary(policy: CostToGoPolicy, *, cycle_name: str, out: Path) -> dict[str, Any]:
     problem = policy.problem
-    stages, engine_states, rows, nodes = policy.solution.cost_to_go_kg.shape
+    stages, engine_states, rows, nodes = policy.solution.shape
     return {
         "schema": 1,
         "concept": problem.concept.name,
