@@ -20,7 +20,16 @@ from benchmarks.errors import UnavailableError
 Array = NDArray[np.float64]
 
 SOURCE = Path(__file__).with_name("sweep.cpp")
-OPTIONS = ("-std=c++17", "-O3", "-march=native", "-ffast-math", "-shared", "-fPIC")
+# What -ffast-math is good for here, without its start-up code: that makes the whole process, numba's kernels
+# included, flush small numbers to zero as soon as the library is loaded.
+FREE = (
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-signed-zeros",
+    "-fassociative-math",
+    "-ffinite-math-only",
+)
+OPTIONS = ("-std=c++17", "-O3", "-march=native", *FREE, "-shared", "-fPIC")
 COMPILERS = ("c++", "g++", "clang++")
 PARTS = ("circuit", "smoothing", "tables", "look-ups")
 """What `seconds_of` tells apart."""

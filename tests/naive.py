@@ -39,19 +39,22 @@ def slopes(value):
     return result
 
 
-def interpolate(value, x, cubic):
-    """Evaluate a table at a grid coordinate inside it."""
-    n = len(value)
-    at = math.floor(x)
-    t = x - at
-    pad = np.concatenate([np.asarray(value), [value[-1]] * 2])
-    if not cubic:
-        return (1 - t) * pad[at] + t * pad[at + 1]
-    d = np.concatenate([slopes(value), [0.0] * 2])
-    assert 0 <= at < n
-    h00, h10 = (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2
-    h01, h11 = t**2 * (3 - 2 * t), t**2 * (t - 1)
-    return h00 * pad[at] + h10 * d[at] + h01 * pad[at + 1] + h11 * d[at + 1]
+def interpolator(value, cubic):
+    """Make a function that evaluates a table at a grid coordinate inside it."""
+    pad = [*value, value[-1], value[-1]]
+    slope = [*slopes(value), 0.0, 0.0] if cubic else []
+
+    def at_coordinate(x):
+        at = math.floor(x)
+        t = x - at
+        assert 0 <= at < len(value)
+        if not cubic:
+            return (1 - t) * pad[at] + t * pad[at + 1]
+        h00, h10 = (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2
+        h01, h11 = t**2 * (3 - 2 * t), t**2 * (t - 1)
+        return h00 * pad[at] + h10 * slope[at] + h01 * pad[at + 1] + h11 * slope[at + 1]
+
+    return at_coordinate
 
 
 def smooth(value, weights):
@@ -111,6 +114,7 @@ def stage(grid, scalars, cost_kg, power_W, after, penalty):
     now = np.empty((2, rows, n))
     for r in range(rows):
         values = expectation(grid, scalars, after, r)
+        tables = [[interpolator(value, grid.cubic) for value in each] for each in values.tolist()]
         best = np.full((2, n), np.inf)
         for c in range(len(power_W)):
             engine = min(c, 1)
@@ -126,7 +130,7 @@ def stage(grid, scalars, cost_kg, power_W, after, penalty):
                 cost = cost_kg[c] + missing_W * scalars.step_s * scalars.shortfall_kg_per_J
                 move = min(max(scalars.charge_to_soc * i / grid.soc_step, -j), n - 1 - j)
                 value = sum(
-                    share * interpolate(values[engine, m], j + move, grid.cubic)
+                    share * tables[engine][m](j + move)
                     for m, share in enumerate(lagrange(SHARES, abs(i) / grid.largest_A))
                 )
                 best[engine, j] = min(best[engine, j], cost + value)

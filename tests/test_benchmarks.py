@@ -79,6 +79,15 @@ def test_a_rival_with_another_problem_is_refused(problem, stochastic, rival):
         deviation(rival, dearer, case.solve())
 
 
+def test_a_compiled_rival_leaves_the_arithmetic_of_this_process_alone(stochastic):
+    """What -ffast-math links in flushes small numbers to zero, everywhere, from then on."""
+    try:
+        STOCHASTIC[0].solve(stochastic)
+    except UnavailableError as missing:
+        pytest.skip(str(missing))
+    assert np.float64(5e-324) + np.float64(0.0) > 0.0
+
+
 def test_a_rival_whose_compiler_is_missing_is_left_out(stochastic, monkeypatch):
     compiled.cache_clear()
     monkeypatch.setenv("CXX", "no-such-compiler")

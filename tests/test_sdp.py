@@ -84,6 +84,7 @@ def oracle_stage(grid, scalars, cost_kg, power_W, after, penalty, spread):
     points, weights = np.polynomial.hermite_e.hermegauss(21)
     weights = weights / weights.sum()
     n, rows = len(grid.ocv_V), penalty.shape[0]
+    tables = [[naive.interpolator(row, True) for row in each] for each in after.tolist()]
     now = np.full((2, rows, n), np.inf)
     for r in range(rows):
         for j in range(n):
@@ -102,7 +103,7 @@ def oracle_stage(grid, scalars, cost_kg, power_W, after, penalty, spread):
                 x = np.clip(x, 0.0, n - 1.0)
                 off, on = (
                     sum(
-                        share * weights @ [naive.interpolate(after[e, q + m], float(at), True) for at in x]
+                        share * weights @ [tables[e][q + m](float(at)) for at in x]
                         for m, share in enumerate(naive.parabola(grid.level, q, variance))
                     )
                     for e in (0, 1)

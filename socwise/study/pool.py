@@ -141,10 +141,11 @@ class LocalPool:
         self._single = None
 
     def _start(self) -> Any:
-        from joblib.externals.loky import get_reusable_executor
+        # Through joblib, not loky: Parallel, later in this process, would else take over what is not its own.
+        from joblib.executor import get_memmapping_executor
 
         with _without_interrupts():
-            return get_reusable_executor(self.width, **self._options())
+            return get_memmapping_executor(self.width, **self._options())
 
     @staticmethod
     def _options() -> dict[str, Any]:
