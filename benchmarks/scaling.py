@@ -15,16 +15,23 @@ from scipy.optimize import nnls
 
 from benchmarks.cases import Case, hev_problem, stochastic_case
 from ems import GridSettings
+from ems._blocks import NODES
+from ems._lanes import LANES
 
 Array = NDArray[np.float64]
 
 STEPS = 400
 BASE = GridSettings(soc_step=0.0025, variance_rows=15, torque_levels=39)
 ROUNDS = 3
-WORK = ("step x node x control", "step x node x row x control", "step x node x row x tap")
-"""What the time should be a sum of: circuit, look-ups, smoothing. A tap is a weight of the smoothing: a row
-has as many as ten standard deviations of its innovation have nodes, for each level that its currents reach.
-So a finer grid has more of them."""
+WORK = (
+    "step x node x control",
+    "step x node x row x control",
+    "step x node x row",
+    "step x node x row x tap",
+)
+"""What the time should be a sum of: circuit, look-ups, slopes and tables, smoothing. Rows of the look-ups are
+counted in whole vectors. A tap is a weight of the smoothing: a row has as many as ten standard deviations of
+its innovation have nodes, for each level that its currents reach; so a finer grid has more of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +44,7 @@ class Line:
         What is varied; all else stays as in `BASE`.
     size : ndarray
         How large it is.
-    work : ndarray, shape (points, 3)
+    work : ndarray, shape (points, 4)
         How often each of `WORK` is done.
     cpu_s, memory_bytes : ndarray
         Least processor time of the rounds, and how much the peak of the memory lies above what was in use
@@ -107,12 +114,14 @@ def measure_lines(rounds: int = ROUNDS) -> list[Line]:
     return lines
 
 
-def work_of(case: Case) -> tuple[int, int, int]:
+def work_of(case: Case) -> tuple[int, int, int, int]:
     """Count how often each of `WORK` is done."""
     rows, nodes = case.penalty_kg.shape
     steps, controls = case.distinct.shape[0], int(case.distinct.sum())
-    taps = int((2 * case.grid.plan[..., 2] + 1).sum())
-    return nodes * controls, nodes * rows * controls, steps * nodes * taps
+    whole_rows = -(-rows // LANES) * LANES
+    levels = (case.grid.levels[..., 1] - case.grid.levels[..., 0]).sum(axis=1) * NODES
+    taps = int((levels * (2 * case.grid.plan[:, 0, 2] + 1)).sum())
+    return nodes * controls, nodes * whole_rows * controls, steps * nodes * rows, steps * taps
 
 
 def fit_together(lines: Sequence[Line]) -> tuple[Array, float, float]:
@@ -120,7 +129,7 @@ def fit_together(lines: Sequence[Line]) -> tuple[Array, float, float]:
 
     Returns
     -------
-    ndarray, shape (3,)
+    ndarray, shape (4,)
         Time of each, in s; not negative.
     float
         R squared.

@@ -201,10 +201,15 @@ def test_all_lines_are_fitted_together(stochastic):
 
 def test_work_is_counted(stochastic):
     rows, nodes = stochastic.penalty_kg.shape
-    circuits, look_ups, taps = work_of(stochastic)
-    assert look_ups == stochastic.evaluations == rows * circuits
+    circuits, look_ups, tables, taps = work_of(stochastic)
+    assert rows == 15  # padded to two vectors of eight
+    assert 16 * circuits == look_ups
+    assert stochastic.evaluations == rows * circuits
+    steps = stochastic.stages.power_W.shape[0]
+    assert tables == steps * nodes * rows
     weights = smoothing_weights(stochastic.spread, stochastic.grid.soc_step)
-    assert 12 * nodes * rows < taps <= 12 * nodes * rows * rows * weights.shape[1]
+    whole_blocks = -(-nodes // 16) * 16
+    assert 3 * tables < taps <= steps * whole_blocks * rows * rows * weights.shape[1]
 
 
 def test_rounds_are_interleaved():
