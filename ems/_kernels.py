@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 from bms import _filter, _levels
-from ems import _blocks, _choose, _expect, _interpolate, _ir, _lanes, _look_up, _moves, _rollout, _rules, _sdp
+from ems import (
+    _blocks,
+    _choose,
+    _expect,
+    _interpolate,
+    _ir,
+    _lanes,
+    _look_up,
+    _map,
+    _moves,
+    _rollout,
+    _rules,
+    _sdp,
+)
 from gpc.kernel_cache import discard_stale
 
 MODULES = (
@@ -18,6 +31,7 @@ MODULES = (
     _sdp,
     _look_up,
     _choose,
+    _map,
     _rules,
     _rollout,
 )
