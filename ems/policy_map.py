@@ -1,8 +1,8 @@
 """A policy as a table of bytes: what it decides at every node of its grid.
 
 A byte a state and step, a quarter of what the stored cost-to-go takes: to look at a strategy, to compare two,
-or to carry one where there is no room for more. Between nodes a table of decisions must be rounded; `ems` looks
-one step ahead at the belief itself instead.
+or to carry one where there is no room for more. Between nodes a table of decisions must be rounded; `ems`
+looks one step ahead at the belief itself instead.
 """
 
 from __future__ import annotations

@@ -19,7 +19,8 @@ from socwise.commands.options import (
 from socwise.commands.screen import new_table, progress, show, show_json
 
 if TYPE_CHECKING:
-    from ems import Concept
+    from ems import Concept, GridSettings, Problem
+    from ems.accuracy import GridChoice
     from ems.policies import CostToGoPolicy
 
 
@@ -38,10 +39,21 @@ def solve(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Policy file to write, NetCDF: .nc.")] = Path(
         "results/policy.nc"
     ),
+    accuracy: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Choose the grid so that the value is right to this share, such as 0.003.",
+            show_default="the default grid",
+        ),
+    ] = None,
     on_infeasible: OnInfeasibleOption = "error",
     as_json: JsonOption = False,
 ) -> None:
-    """Compute one policy on one cycle and write it to a file that others can act with."""
+    """Compute one policy on one cycle and write it to a file that others can act with.
+
+    Exit code 1 if the accuracy asked for was not reached; the finest grid's policy is written then.
+    """
     from drivecycles import load_cycle
     from ems import build_problem
     from ems.policies import CostToGoPolicy, find_policy
@@ -51,9 +63,20 @@ def solve(
     trip = load_cycle(cycle)
     variance = _one_variance(mu, car)
     _check_out(out)
-    problem = build_problem(car, trip, on_infeasible=on_infeasible).with_mu(variance)
-    with progress(f"solving {car.name}, {module.NAME}"):
-        solved = module.build(problem)
+
+    def problem(settings: GridSettings | None = None) -> Problem:
+        return build_problem(car, trip, settings=settings, on_infeasible=on_infeasible).with_mu(variance)
+
+    choice = None
+    if accuracy is None:
+        with progress(f"solving {car.name}, {module.NAME}"):
+            solved = module.build(problem())
+    else:
+        from ems.accuracy import choose_grid
+
+        with progress(f"choosing a grid for {car.name}, {module.NAME}") as advance:
+            choice = choose_grid(problem, module.NAME, accuracy, advance)
+            solved = choice.policy
     if not isinstance(solved, CostToGoPolicy):
         raise CommandError(
             f"the policy {module.NAME!r} has nothing to solve: it follows thresholds in the concept's file; "
@@ -64,10 +87,14 @@ def solve(
     with staged_file(out) as path:
         write_policy(solved, path)
     summary = _summary(solved, cycle_name=trip.name, out=out)
+    if choice is not None:
+        summary["accuracy"] = _accuracy(choice)
     if as_json:
         show_json(summary)
     else:
         _show(summary)
+    if choice is not None and not choice.reached:
+        raise typer.Exit(1)
 
 
 def _one_variance(mu: str | None, concept: Concept) -> float:
@@ -89,6 +116,8 @@ def _check_out(out: Path) -> None:
 
 
 def _summary(policy: CostToGoPolicy, *, cycle_name: str, out: Path) -> dict[str, Any]:
+    from ems.memory import solve_bytes
+
     problem = policy.problem
     stages, engine_states, rows, nodes = policy.solution.shape
     return {
@@ -109,8 +138,20 @@ def _summary(policy: CostToGoPolicy, *, cycle_name: str, out: Path) -> dict[str,
             "soc_nodes": nodes,
             "controls": problem.stages.power_W.shape[1],
         },
+        "memory_MB": solve_bytes(stages - 1, rows, nodes) / 1e6,
         "solve_s": policy.solve_s,
         "file": str(out),
+    }
+
+
+def _accuracy(choice: GridChoice) -> dict[str, Any]:
+    return {
+        "asked": choice.asked,
+        "estimated_error": choice.estimated_error,
+        "reached": choice.reached,
+        "parts": choice.parts,
+        "settings": choice.settings.model_dump(),
+        "solves": choice.solves,
     }
 
 
@@ -126,5 +167,13 @@ def _show(summary: dict[str, Any]) -> None:
         f"{grid['stages']} stages × {grid['engine_states']} engine states "
         f"× {grid['variance_rows']} variances × {grid['soc_nodes']} SOC, {grid['controls']} controls",
     )
+    table.add_row("memory", f"{summary['memory_MB']:.0f} MB for the cost-to-go")
     table.add_row("solved in", f"{summary['solve_s']:.1f} s")
+    if "accuracy" in summary:
+        found = summary["accuracy"]
+        parts = ", ".join(f"{name} {share:.2%}" for name, share in found["parts"].items())
+        word = "reached" if found["reached"] else "NOT reached, this is the finest grid tried"
+        table.add_row("asked for", f"{found['asked']:.2%} of the value: {word}")
+        table.add_row("estimated error", f"{found['estimated_error']:.2%} ({parts})")
+        table.add_row("grids tried", str(found["solves"]))
     show(table, "", f"The policy is in {summary['file']}")
