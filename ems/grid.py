@@ -27,6 +27,7 @@ from ems._blocks import NODES
 from ems._lanes import CURRENTS, SHARES
 from ems._sdp import Grid
 from ems.concept import Concept
+from ems.monotone import hat_weights, linear_shares
 from ems.smoothing import smoothing_weights
 
 Array = NDArray[np.float64]
@@ -40,13 +41,18 @@ class GridSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    soc_step: float = Field(default=0.0025, gt=0.0, le=0.05, description="SOC spacing under noise")
+    soc_step: float = Field(
+        default=0.0025,
+        gt=0.0,
+        le=0.05,
+        description="SOC spacing under noise; finer where little noise asks it",
+    )
     deterministic_soc_step: float = Field(
         default=0.00025, gt=0.0, le=0.05, description="SOC spacing of the certainty-equivalent program"
     )
-    variance_rows: int = Field(default=10, ge=4, le=400, description="rows of the variance grid")
+    variance_rows: int = Field(default=16, ge=4, le=400, description="rows of the variance grid")
     process_levels: int = Field(default=6, ge=3, le=100, description="levels of perfect information")
-    torque_levels: int = Field(default=21, ge=1, le=400, description="clutched engine torques per step")
+    torque_levels: int = Field(default=31, ge=1, le=400, description="clutched engine torques per step")
     soc_margin: float = Field(default=0.15, gt=0.0, le=1.0, description="how far the grid passes the window")
 
     def halved(self) -> GridSettings:
@@ -66,8 +72,10 @@ def soc_nodes(concept: Concept, settings: GridSettings, step: float) -> Array:
     """Lay the SOC grid: the window and a margin, within [0, 1], nodes on multiples of the step."""
     low = max(0.0, concept.window.low - settings.soc_margin)
     high = min(1.0, concept.window.high + settings.soc_margin)
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
-    return np.asarray(np.minimum(np.arange(first, max(last, first + 8) + 1) * step, 1.0), dtype=np.float64)
+    first, full = math.floor(low / step + 1e-9), math.floor(1.0 / step + 1e-9)
+    last = min(max(math.ceil(high / step - 1e-9), first + 8), full)
+    first = min(first, last - 8)
+    return np.minimum(np.arange(first, last + 1, dtype=np.float64) * step, 1.0)
 
 
 def variance_rows(
@@ -182,14 +190,14 @@ def _grid(
     soc_step = float(nodes[-1] - nodes[0]) / (nodes.size - 1)
     discharge_ohm, charge_ohm = pack.resistances_ohm(nodes)
     low_A, high_A = pack.current_limits_A(nodes)
-    weights = smoothing_weights(spread, soc_step)
+    weights = smoothing_weights(spread, soc_step) if cubic else hat_weights(spread, soc_step)
     weights = weights[:, weights.shape[1] // 2 :]  # the other side is the same
     used = np.abs(weights).max(axis=2) > NEGLIGIBLE_WEIGHT
     weights[~used] = 0.0
     weights /= 2.0 * weights.sum(axis=1, keepdims=True) - weights[:, :1]
     side = np.array([int(np.flatnonzero(row).max()) for row in used])
     largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
-    shares = _level_shares(level, posterior, drift_per_A * largest_A)
+    shares = _level_shares(level, posterior, drift_per_A * largest_A, cubic)
     first, most = _reached(shares)
     plan = np.zeros((first.size, most, 3), dtype=np.int64)
     share = np.zeros((first.size, most, CURRENTS, _whole_blocks(nodes.size)))
@@ -222,7 +230,7 @@ def _whole_blocks(nodes: int) -> int:
     return -(-nodes // NODES) * NODES
 
 
-def _level_shares(level: Array, posterior: Array, widest: float) -> Array:
+def _level_shares(level: Array, posterior: Array, widest: float, parabolas: bool) -> Array:
     """Weights of the levels at each of the currents, for every row and node.
 
     Parameters
@@ -233,22 +241,30 @@ def _level_shares(level: Array, posterior: Array, widest: float) -> Array:
         Next variance without current.
     widest : float
         What the largest current adds to it.
+    parabolas : bool
+        Whether levels are joined by parabolas or linearly.
 
     Returns
     -------
     ndarray, shape (r, q, CURRENTS, n)
-        Weights of the parabola through the three levels around each variance.
+        Weights of the three levels around each variance, or of the two.
     """
     rows, nodes = posterior.shape
     share = np.zeros((rows, level.size, CURRENTS, nodes))
     if level.size == 1:
         share[:] = 1.0
         return share
-    step = math.sqrt(level[-1]) / (level.size - 1)
+    root = np.sqrt(level)
+    middle = 0.5 * (root[1:-2] + root[2:-1])
     row, node = np.ogrid[:rows, :nodes]
     for m, part in enumerate(SHARES):
         variance = posterior + part * widest
-        q = np.clip((np.sqrt(variance) / step - 0.5).astype(np.int64), 0, level.size - 3)
+        if not parabolas:
+            lower, both = linear_shares(level, variance)
+            for i, weight in enumerate(both):
+                share[row, lower + i, m, node] = weight
+            continue
+        q = np.searchsorted(middle, np.sqrt(variance), side="right")
         x = [variance - level[q + i] for i in range(3)]
         for i in range(3):
             a, b = (i + 1) % 3, (i + 2) % 3

@@ -1,13 +1,13 @@
-"""What makes the solver trustworthy: the five checks of DESIGN.md section 3, on both concepts."""
+"""What makes the solver trustworthy: the five checks of DESIGN.md section 3, and what little noise does."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from ems_cases import full_problem, short_problem, without_noise
+from ems_cases import full_problem, short_cycle, short_problem, without_noise
 from scipy.interpolate import CubicSpline
 
-from ems import GridSettings, build_policy, draw_noise, roll_out
+from ems import GridSettings, build_policy, build_problem, draw_noise, load_concept, roll_out
 from ems._choose import CERTAIN, ESTIMATE
 from ems.grid import deterministic_grid, soc_nodes, stochastic_grid, variance_rows
 from ems.policies import CostToGoPolicy
@@ -174,3 +174,48 @@ def test_a_harsher_penalty_or_a_larger_engine_start_cannot_be_cheaper():
     base = build_policy("stochastic", problem).value_kg
     harsher = problem.concept.model_copy(update={"start_fuel_kg": 2.0 * problem.concept.start_fuel_kg})
     assert build_policy("stochastic", dataclasses.replace(problem, concept=harsher)).value_kg >= base
+
+
+DRIFTS = ((1e-7, 3.9e-8), (1e-8, 3.9e-9), (1e-9, 1e-10), (1e-13, 3.7e-11), (0.0, 0.0))
+
+
+def little_noise(concept, seconds, drift, mu):
+    """The optimum with nothing uncertain, the lower bound, and the stochastic value, on the default grid."""
+    problem = build_problem(load_concept(concept), short_cycle(seconds))
+    gamma, beta = drift
+    known = problem.uncertainty.model_copy(update={"gamma": gamma, "beta": beta, "mu": mu})
+    problem = dataclasses.replace(problem, uncertainty=known)
+    names = ("certainty_equivalent", "perfect_information", "stochastic")
+    return [build_policy(name, problem).value_kg for name in names]
+
+
+@pytest.mark.parametrize("mu", [1e-6, 2e-3, 0.3])
+@pytest.mark.parametrize("drift", DRIFTS)
+def test_with_little_noise_no_program_promises_less_than_the_optimum_without(drift, mu):
+    """Cubic look-ups at kinks that nothing smooths promised down to two thirds of the optimum."""
+    certain, bound, stochastic = little_noise("hev", 250, drift, mu)
+    assert bound > certain * 0.999
+    assert stochastic > certain * 0.999
+    assert stochastic > bound * 0.999
+    if mu < 1e-3 and drift[0] < 1e-8:
+        assert stochastic < 1.004 * certain
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [1e-6, 2e-3, 0.3])
+@pytest.mark.parametrize("drift", DRIFTS)
+@pytest.mark.parametrize("concept", CONCEPTS)
+def test_with_little_noise_on_a_whole_cycle(concept, drift, mu):
+    certain, bound, stochastic = little_noise(concept, 1371, drift, mu)
+    assert bound > certain * 0.999
+    assert stochastic > bound * 0.999
+    if mu < 1e-3 and drift[0] < 1e-8:
+        assert stochastic < 1.003 * certain
+
+
+def test_value_changes_little_where_the_kind_of_look_up_changes():
+    """As the drift falls the grid is refined, and at last solved linearly; the value knows nothing of it."""
+    drifts = 10.0 ** np.arange(-6.5, -8.6, -0.5)
+    values = [little_noise("hev", 250, (drift, 0.39 * drift), 1e-4)[2] for drift in drifts]
+    assert np.all(np.diff(values) < 0.001 * values[-1])
+    assert np.abs(np.diff(values)).max() < 0.012 * values[-1]
