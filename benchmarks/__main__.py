@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 
 from rich.console import Console
 
+from benchmarks.accuracy import accuracy_table
 from benchmarks.battery import (
     filter_tasks,
     gradient_tasks,
@@ -160,11 +161,16 @@ def scaling(console: Console) -> None:
     console.print(scaling_table())
 
 
-COMMANDS = {"all": everything, "solve": solvers, "scaling": scaling}
+def accuracy(console: Console) -> None:
+    """Judge grids by the error of their value."""
+    console.print(accuracy_table())
+
+
+COMMANDS = {"all": everything, "solve": solvers, "scaling": scaling, "accuracy": accuracy}
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run what is asked for: all (or nothing said), solve, scaling."""
+    """Run what is asked for: all (or nothing said), solve, scaling, accuracy."""
     name = arguments[0] if arguments else "all"
     if len(arguments) > 1 or name not in COMMANDS:
         print(f"python -m benchmarks [{'|'.join(COMMANDS)}]; {' '.join(arguments)!r} is not", file=sys.stderr)

@@ -3,12 +3,14 @@
 import dataclasses
 import math
 import tomllib
+import tracemalloc
 
 import numpy as np
 import pytest
 from ems_cases import full_problem, short_cycle, short_problem, without_noise
 from scipy import stats
 
+from bms.uncertainty import steady_variance
 from ems import (
     EmsError,
     GridSettings,
@@ -21,7 +23,11 @@ from ems import (
 )
 from ems.compare import compare, input_digest
 from ems.concept import PRESETS, parse_concept
+from ems.footprint import footprint
+from ems.grid import soc_nodes
+from ems.monotone import hat_weights, linear_shares
 from ems.penalty import Terminal, Window
+from ems.resolution import Resolution, belief_resolution, process_resolution, settled_spreads
 from ems.statistics import interval, mean_and_error
 from ems.summary import to_json
 
@@ -244,3 +250,95 @@ def test_solution_interpolates_its_own_nodes():
         value = solution.value_kg(float(solution.soc[20]), float(solution.grid.level[r]))
         assert value == pytest.approx(solution.first_kg[0, r, 20], rel=1e-12)
     assert dataclasses.is_dataclass(solution)
+
+
+def test_weights_that_are_never_negative_have_the_mean_and_variance_of_the_gaussian():
+    cells = np.array([[0.0, 1e-7, 1e-3, 0.1, 0.3, 0.7, 1.0, 1.49, 1.51, 3.0]])
+    weights = hat_weights(0.002 * cells, 0.002)
+    offset = np.arange(weights.shape[1])[:, None] - weights.shape[1] // 2
+    assert weights.min() >= 0.0
+    assert np.allclose(weights.sum(axis=1), 1.0)
+    assert np.allclose((offset * weights[0]).sum(axis=0), 0.0, atol=1e-12)
+    assert np.allclose((offset**2 * weights[0]).sum(axis=0), cells[0] ** 2, rtol=1e-4, atol=0.0)
+
+
+def test_linear_shares_enclose_the_variance():
+    level = np.square(np.linspace(0.0, 0.02, 6))
+    variance = np.random.default_rng(3).uniform(0.0, 5e-4, 50)
+    lower, (below, above) = linear_shares(level, variance)
+    assert min(below.min(), above.min()) >= 0.0
+    found = below * level[lower] + above * level[lower + 1]
+    assert found == pytest.approx(np.minimum(variance, level[-1]))
+
+
+@pytest.mark.parametrize("step", [0.0025, 0.003, 0.00073, 0.05])
+def test_nodes_are_uniform_multiples_of_the_step_within_reach(step):
+    for name in ("hev", "phev"):
+        concept = load_concept(name)
+        nodes = soc_nodes(concept, GridSettings(), step)
+        assert np.allclose(np.diff(nodes), step, rtol=1e-9)
+        assert np.allclose(nodes / step, np.round(nodes / step))
+        assert 0.0 <= nodes[0] <= max(concept.window.low - 0.15, 0.0)
+        assert min(concept.window.high + 0.15, 1.0) - step < nodes[-1] <= 1.0
+
+
+def test_a_narrow_window_at_full_charge_still_has_a_grid():
+    concept = load_concept("hev")
+    window = concept.window.model_copy(update={"low": 0.97, "high": 1.0})
+    high = concept.model_copy(update={"window": window, "initial_soc": 0.98})
+    nodes = soc_nodes(high, GridSettings(soc_margin=0.01), 0.01)
+    assert nodes.size == 9
+    assert nodes[-1] == pytest.approx(1.0)
+
+
+def test_a_spacing_that_does_not_divide_the_whole_charge_does_not_shift_the_grid():
+    """The PHEV's grid ends at full charge; the value once moved with where the last node fell."""
+    problem = build_problem(load_concept("phev"), short_cycle(), settings=GridSettings(torque_levels=5))
+    values = [
+        build_policy(
+            "stochastic",
+            dataclasses.replace(problem, settings=problem.settings.model_copy(update={"soc_step": step})),
+        ).value_kg
+        for step in (0.0025, 0.00243)
+    ]
+    assert values[1] == pytest.approx(values[0], rel=5e-4)
+
+
+def test_the_default_noise_is_resolved_by_the_default_grid_and_little_noise_is_not():
+    for name in ("hev", "phev"):
+        problem = full_problem(name)
+        for mu in (0.7e-3, 2e-3, 6e-3):
+            assert belief_resolution(problem.with_mu(mu)) == Resolution(0.0025, cubic=True)
+        assert process_resolution(problem) == Resolution(0.0025, cubic=True)
+        quiet = without_noise(problem)
+        assert belief_resolution(quiet) == process_resolution(quiet) == Resolution(0.0005, cubic=False)
+
+
+def test_settled_spreads_are_those_of_the_fixed_point():
+    problem = full_problem("hev")
+    innovation, belief = settled_spreads(problem)
+    soc = np.linspace(problem.concept.window.low, problem.concept.window.high, 101)
+    measured = problem.uncertainty.mu * np.min(problem.pack.ocv.alpha(soc))
+    drift = problem.uncertainty.process_variance(20.0, 1.0)
+    variance = steady_variance(measured, drift)
+    assert belief == pytest.approx(math.sqrt(variance), rel=1e-9)
+    # At rest what is learnt is what drifts.
+    assert innovation == pytest.approx(math.sqrt(drift), rel=1e-9)
+
+
+@pytest.mark.parametrize("policy", ["stochastic", "certainty_equivalent", "perfect_information"])
+def test_the_footprint_is_known_before_the_solve(policy):
+    problem = build_problem(load_concept("phev"), short_cycle(400))
+    build_policy(policy, problem)
+    said = footprint(problem, policy)
+    tracemalloc.start()
+    try:
+        problem = build_problem(load_concept("phev"), short_cycle(400))
+        solution = build_policy(policy, problem).solution
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert solution.shape == (said.steps + 1, 2, said.rows, said.nodes)
+    assert said.controls == problem.stages.power_W.shape[1]
+    assert 0.5 * peak < said.solve_bytes < 2.0 * peak
+    assert said.file_bytes > solution.cost_to_go_kg.nbytes

@@ -69,8 +69,9 @@ def solve(
 
     choice = None
     if accuracy is None:
-        with progress(f"solving {car.name}, {module.NAME}"):
-            solved = module.build(problem())
+        given = problem()
+        with progress(f"solving {car.name}, {module.NAME}{_memory(given, module.NAME)}"):
+            solved = module.build(given)
     else:
         from ems.accuracy import choose_grid
 
@@ -97,6 +98,18 @@ def solve(
         raise typer.Exit(1)
 
 
+def _memory(problem: Problem, policy: str) -> str:
+    """Say what solving and writing will take; refuse what would not fit."""
+    from ems.accuracy import DIMENSIONS
+    from ems.footprint import footprint, require_room
+
+    if policy not in DIMENSIONS:
+        return ""
+    size = footprint(problem, policy)
+    require_room(size)
+    return f" ({size.file_bytes / 1e6:,.0f} MB of memory)"
+
+
 def _one_variance(mu: str | None, concept: Concept) -> float:
     if mu is None:
         return concept.uncertainty.mu
@@ -116,6 +129,7 @@ def _check_out(out: Path) -> None:
 
 
 def _summary(policy: CostToGoPolicy, *, cycle_name: str, out: Path) -> dict[str, Any]:
+    from ems.footprint import footprint
     from ems.memory import solve_bytes
 
     problem = policy.problem
@@ -139,6 +153,7 @@ def _summary(policy: CostToGoPolicy, *, cycle_name: str, out: Path) -> dict[str,
             "controls": problem.stages.power_W.shape[1],
         },
         "memory_MB": solve_bytes(stages - 1, rows, nodes) / 1e6,
+        "expected_peak_memory_MB": footprint(problem, policy.name).file_bytes / 1e6,
         "solve_s": policy.solve_s,
         "file": str(out),
     }
@@ -167,7 +182,11 @@ def _show(summary: dict[str, Any]) -> None:
         f"{grid['stages']} stages × {grid['engine_states']} engine states "
         f"× {grid['variance_rows']} variances × {grid['soc_nodes']} SOC, {grid['controls']} controls",
     )
-    table.add_row("memory", f"{summary['memory_MB']:.0f} MB for the cost-to-go")
+    table.add_row(
+        "memory",
+        f"{summary['memory_MB']:.0f} MB for the cost-to-go, "
+        f"{summary['expected_peak_memory_MB']:.0f} MB with all else and the file",
+    )
     table.add_row("solved in", f"{summary['solve_s']:.1f} s")
     if "accuracy" in summary:
         found = summary["accuracy"]
