@@ -98,7 +98,7 @@ def test_the_command_reports_the_estimate(tmp_path, monkeypatch, capsys):
     assert found["accuracy"]["reached"]
     assert found["accuracy"]["estimated_error"] == pytest.approx(sum(found["accuracy"]["parts"].values()))
     assert found["grid"]["variance_rows"] == found["accuracy"]["settings"]["variance_rows"]
-    assert 0.0 < found["memory_MB"] < 256.0
+    assert 0.0 < found["memory_MB"] < found["expected_peak_memory_MB"] < 256.0
     done = run(capsys, *asked)
     assert done.code == 0
     assert "0.30% of the value: reached" in " ".join(done.out.split())
@@ -114,3 +114,14 @@ def test_what_does_not_fit_in_memory_is_refused(tmp_path, monkeypatch, capsys):
     done = run(capsys, "solve", "--cycle", "trip.csv", "--out", "p.nc")
     assert done.code == 2
     assert "of memory, and 0.0 GB are available; take a larger soc_step" in " ".join(done.err.split())
+
+
+def test_a_file_that_could_not_be_written_is_refused_before_the_solve(tmp_path, monkeypatch, capsys):
+    """A long trip's cost-to-go is solved in parts, but its file holds all of it."""
+    monkeypatch.chdir(tmp_path)
+    write_cycle(tmp_path / "trip.csv")
+    monkeypatch.setattr("ems.memory.available_bytes", lambda: 3_500_000)
+    done = run(capsys, "solve", "--cycle", "trip.csv", "--out", "p.nc")
+    assert done.code == 2
+    assert "to write the cost-to-go over 201 SOC nodes" in " ".join(done.err.split())
+    assert not (tmp_path / "p.nc").exists()

@@ -78,8 +78,8 @@ def check_self_consistency(concept, mu, realizations, truth=100):
     rollout = roll_out(problem, policy, draw_noise(5, realizations, problem.steps), belief_space=True)
     mean, error = mean_and_error(rollout.cost_kg - martingale(rollout, policy))
     assert error < 0.003 * policy.value_kg
-    # The control variate leaves an error far below the 0.3 % asked for. At 1000 rollouts it resolves what the
-    # look-ups cost, 0.08 % for the HEV at the largest mu (docs/method.md).
+    # The control variate leaves an error far below the 0.3 % asked for: where it is least it resolves what
+    # look-ups cost (docs/method.md).
     assert abs(mean - policy.value_kg) < max(3.0 * error, 0.001 * policy.value_kg)
     real = roll_out(problem, policy, draw_noise(6, truth, problem.steps))
     mean, error = mean_and_error(real.cost_kg)

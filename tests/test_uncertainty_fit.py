@@ -11,7 +11,7 @@ from bms import _uncertainty_fit as kernel
 from bms.uncertainty import gain as gain_of
 from bms.uncertainty import next_variance
 from bms.uncertainty_fit import Behaviour, _Search, assess, fit_uncertainty, model_variance
-from ems import build_policy, draw_noise, roll_out
+from ems import GridSettings, build_policy, build_problem, draw_noise, roll_out
 
 TRUTH = UncertaintyModel(gamma=4e-7, beta=2e-7, mu=3e-3)
 NAMES = ("gamma", "beta", "mu")
@@ -20,7 +20,10 @@ NAMES = ("gamma", "beta", "mu")
 @pytest.fixture(scope="module", params=["hev", "phev"])
 def made(request):
     """What [L]'s own estimator does on its own plant, and the pack; the rules drive."""
-    problem = dataclasses.replace(full_problem(request.param), uncertainty=TRUTH)
+    whole = full_problem(request.param)
+    # A drive of its own, whatever the default grid: its currents decide how well gamma and beta come apart.
+    drive = build_problem(whole.concept, whole.cycle, settings=GridSettings(torque_levels=21))
+    problem = dataclasses.replace(drive, uncertainty=TRUTH)
     rollout = roll_out(problem, build_policy("rule_based", problem), draw_noise(0, 20, problem.steps))
     estimate = rollout.soc_estimate.astype(float)
     return (
