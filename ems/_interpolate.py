@@ -48,12 +48,3 @@ def node_slopes(value: Array, slope: Array) -> None:
         slope[j] = limit_slope(value[j] - value[j - 1], central, value[j + 1] - value[j])
     slope[0] = value[1] - value[0]
     slope[n - 1] = value[n - 1] - value[n - 2]
-
-
-@njit(cache=True, inline="always")
-def hermite_weights(t: float, cubic: bool) -> tuple[float, float, float, float]:
-    """Weights of (value, slope) below and above at the position ``t`` of a cell."""
-    if cubic:
-        r = 1.0 - t
-        return (1.0 + 2.0 * t) * r * r, t * r * r, t * t * (3.0 - 2.0 * t), -t * t * r
-    return 1.0 - t, 0.0, t, 0.0

@@ -39,6 +39,11 @@ def slopes(value):
     return result
 
 
+def hermite(t):
+    """Weights of (value, slope) below and above at the place t of a cell."""
+    return (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1)
+
+
 def interpolator(value, cubic):
     """Make a function that evaluates a table at a grid coordinate inside it."""
     pad = [*value, value[-1], value[-1]]
@@ -50,8 +55,7 @@ def interpolator(value, cubic):
         assert 0 <= at < len(value)
         if not cubic:
             return (1 - t) * pad[at] + t * pad[at + 1]
-        h00, h10 = (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2
-        h01, h11 = t**2 * (3 - 2 * t), t**2 * (t - 1)
+        h00, h10, h01, h11 = hermite(t)
         return h00 * pad[at] + h10 * slope[at] + h01 * pad[at + 1] + h11 * slope[at + 1]
 
     return at_coordinate
