@@ -29,8 +29,8 @@ class Flag(IntFlag):
 
 
 MEANINGS = {
-    Flag.CURRENT_MISSING: "no current reading; the recent mean stands in for it",
-    Flag.CURRENT_RANGE: "current beyond the sensor's or the cell's limits; the recent mean stands in for it",
+    Flag.CURRENT_MISSING: "no current reading; the last one, then the recent mean stands in for it",
+    Flag.CURRENT_RANGE: "current beyond the sensor's or the cell's limits; it is replaced as a missing one",
     Flag.VOLTAGE_MISSING: "no voltage reading; charge is counted only",
     Flag.VOLTAGE_RANGE: "voltage outside the cell's window; charge is counted only",
     Flag.STUCK: "a reading repeats itself while the other one moves; it is not used",

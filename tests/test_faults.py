@@ -36,8 +36,8 @@ def check_belief(trace):
 
 SEQUENCES = 170
 """For each of the six estimators, so 1,020 in all."""
-UNRECOVERED, SILENT = 0.02, 0.03
-"""Shares of the sequences that may fail; thousands of others show 0.1 to 0.8 %, and 0.5 to 1.5 %."""
+OTHERS, SHARE = range(1000, 3000), 0.005
+"""Sequences drawn afresh, and how many of them may fail; 0 to 0.3 % do."""
 
 
 @each_estimator
@@ -58,15 +58,24 @@ def test_any_faults(name, case):
 def test_faults_are_recovered_from(name):
     """As many sequences, spread evenly over all that there is.
 
-    Half an hour after all but 2 in 100, the belief is right or its variance says that it is not, and nothing
-    is flagged any more. Meanwhile, in all but 3 in 100, wherever it is wrong by more than it says something
-    is flagged. Hypothesis would find one that fails and repeat it, so it has no part in these shares.
+    Half an hour after each, the belief is right or its variance says that it is not, and nothing is flagged
+    any more. Meanwhile, wherever it is wrong by more than it says, which is three standard deviations,
+    something is flagged; but for one sequence, as no variance promises more. Hypothesis would find one that
+    fails and repeat it, so it has no part in this.
     """
     found = {seed: withstands(name, drawn(seed)) for seed in range(SEQUENCES)}
-    unrecovered = [seed for seed, (recovered, _) in found.items() if not recovered]
+    assert not [seed for seed, (recovered, _) in found.items() if not recovered]
     silent = [seed for seed, (_, told) in found.items() if not told]
-    assert len(unrecovered) <= UNRECOVERED * SEQUENCES, unrecovered
-    assert len(silent) <= SILENT * SEQUENCES, silent
+    assert len(silent) <= 1, silent
+
+
+@pytest.mark.slow
+@each_estimator
+def test_other_faults_are_recovered_from(name):
+    """What nobody looked at while the estimators were written: some of it can't be seen by any of them."""
+    found = [withstands(name, drawn(seed)) for seed in OTHERS]
+    assert sum(not recovered for recovered, _ in found) <= SHARE * len(OTHERS)
+    assert sum(not told for _, told in found) <= SHARE * len(OTHERS)
 
 
 def withstands(name, case):

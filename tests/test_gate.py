@@ -115,8 +115,13 @@ def test_a_step_is_nothing_or_one_that_can_be_reckoned_with(step, taken):
     assert math.isfinite(seen.charge_variance_C2)
 
 
-def test_mean_and_spread_stand_in_for_a_missing_current():
+def test_the_last_current_then_the_mean_stand_in_for_a_missing_one():
     screen = Screen().settle(-2.0, swing=1.5)
+    last = screen(-4.0, screen.fresh())
+    for bad in (NAN, 1e300, -INF, NAN, INF):
+        seen = screen(bad, screen.fresh(), step=2.0)
+        assert (seen.drive_A, seen.now_A) == (last.now_A, last.now_A)
+        assert seen.doubt_A == pytest.approx(1.5 + 0.2 * CELL.capacity_Ah, abs=0.01)
     seen = screen(NAN, screen.fresh())
     assert seen.now_A == pytest.approx(-2.0, abs=0.01)
     assert seen.doubt_A == pytest.approx(1.5 + 0.2 * CELL.capacity_Ah, abs=0.01)
@@ -124,6 +129,24 @@ def test_mean_and_spread_stand_in_for_a_missing_current():
     for bad in (1e300, -1e300, INF, NAN):
         again = screen(bad, screen.fresh())
     assert (again.now_A, again.doubt_A) == (seen.now_A, seen.doubt_A)
+
+
+def test_a_load_that_changes_while_most_readings_are_missing_is_followed():
+    # With nine of ten readings gone, the mean over ten minutes of readings takes hours to come after.
+    screen = Screen().settle(-2.0)
+    charge_C = 0.0
+    for k in range(600):
+        current = 1.0 + 1e-9 * k if k % 10 == 0 else NAN
+        charge_C += screen(current, screen.fresh()).drive_A
+    assert charge_C == pytest.approx(600.0, abs=5.0)
+
+
+def test_a_stuck_current_is_not_held():
+    screen = Screen().settle(-2.0, swing=1.0, samples=9001)
+    for k in range(20):
+        seen = screen(-3.5, 3.0 + 0.1 * (k // 4) + 1e-7 * k)
+    assert Flag(seen.flags) == Flag.STUCK
+    assert seen.now_A == pytest.approx(-2.0, abs=0.05)
 
 
 def test_before_any_current_was_seen_it_may_be_anything_usual():
@@ -170,7 +193,7 @@ def test_a_gap_is_bridged_by_the_recent_mean_and_a_long_one_by_rest(step, flag, 
     else:
         assert seen.drive_A == 0.0
         assert math.sqrt(seen.charge_variance_C2) == pytest.approx(doubt * 1800.0, rel=0.01)
-    after = screen(NAN, screen.fresh())
+    after = screen(NAN, screen.fresh(), step=11.0)
     # Nor does it make up the mean: it counts as 60 s of 600.
     assert after.now_A == pytest.approx(-2.0 + 0.1 * 32.0, abs=0.02)
 

@@ -9,6 +9,7 @@ from bms.cells import load_cell
 from bms.errors import BatteryError
 from bms.estimators.catalogue import make_estimator
 from bms.estimators.gate import Sensors
+from bms.flags import Flag
 from bms.simulation import simulate, simulate_members
 
 GUESS = {
@@ -213,6 +214,29 @@ def test_the_variance_grows_when_the_model_is_wrong():
             assert np.mean(np.abs(error) <= 2.0 * sd) >= 0.95, name
             deviations.append(sd.mean())
         assert deviations[1] > 3.0 * deviations[0], name
+
+
+@pytest.mark.parametrize("name", ["gpc_gradient", "gpc_gauss_newton"])
+def test_refused_voltages_put_the_counted_charge_in_doubt(name):
+    # The current stays where it was as a charge begins: its reading is a lie that no jump gives away.
+    cell = load_cell("lfp-2ah")
+    rng = np.random.default_rng(3)
+    true_A = np.repeat(rng.normal(-0.7, 1.1, 360), 10)
+    true_A[2400:] = 1.0
+    run = simulate(cell, true_A, soc=0.8)
+    read_A = true_A + 0.01 * rng.normal(size=true_A.size)
+    read_A[2400:2600] = -2.7
+    voltage_V = run.voltage_V + 0.002 * rng.normal(size=true_A.size)
+    trace = make_estimator(name, cell, soc=0.8, soc_sd=0.03).run(read_A, voltage_V)
+    error, sd = np.abs(trace.soc - run.soc), np.sqrt(trace.variance)
+    lied = slice(2415, 2600)
+    assert np.all(trace.flags[lied] & int(Flag.OUTLIER))
+    assert error[2599] > 0.08
+    assert np.all(error[lied] <= np.maximum(2.0 * sd[lied], 0.03))
+    # A voltage that is off for seconds is the voltage's fault.
+    voltage_V[2000:2008] += 0.1
+    spiked = make_estimator(name, cell, soc=0.8, soc_sd=0.03).run(read_A, voltage_V)
+    assert spiked.variance[2008] == pytest.approx(trace.variance[2008], rel=0.05)
 
 
 def test_full_charge_and_rest_correct_the_count():

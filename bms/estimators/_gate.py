@@ -3,9 +3,10 @@ r"""What every estimator does with a sample before it believes it.
 A reading is *bad* when it is missing (NaN, inf), outside its range, or stuck: the same number at ten
 samples or more while the other reading says that it must move (both are stuck when a voltage stays the same
 to the last bit while a few per cent of the charge seem to pass). A bad voltage is not used. A bad current is
-replaced by the recent mean :math:`\bar I` (over some ten minutes) with the doubt :math:`s_I`, the recent
-spread. The error of a replaced current persists, so over a bad stretch the doubt about the charge grows
-linearly and its variance with the square:
+replaced, with the doubt :math:`s_I`, the recent spread: for ten seconds by the last one that was read, unless
+that was stuck, then by the recent mean :math:`\bar I` (over some ten minutes), which comes late where most
+readings are missing. The error of a replaced current persists, so over a bad stretch the doubt about the
+charge grows linearly and its variance with the square:
 
 .. math:: d' = d + s_I h, \qquad \Delta \operatorname{var}(\text{charge}) = d'^2 - d^2 .
 
@@ -44,6 +45,7 @@ UNUSUAL = -1
 
 STUCK_SAMPLES = 10
 STUCK_JUMPS = 3
+HELD_S = 10.0
 COLDEST_C, HOTTEST_C = -60.0, 150.0
 SHORTEST_S, LONGEST_S = 1e-6, 1e9
 
@@ -51,7 +53,8 @@ SEEN, LAST_A, LAST_DOUBT_A, MEAN_A, SQUARE_A2, DOUBT_C = 0, 1, 2, 3, 4, 5
 RAW_V, SAME_V, LOW_A, HIGH_A = 6, 7, 8, 9
 RAW_A, SAME_A, JUMPS = 10, 11, 12
 REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM, LEFT_V, HEAT_W = range(13, 21)
-SIZE = 21
+GONE_S = 21
+SIZE = 22
 """Places in the gate's part of an estimator's memory, and how many there are."""
 
 
@@ -168,8 +171,11 @@ def judge(
     mean = g[MEAN_A]
     spread = math.sqrt(max(g[SQUARE_A2] - mean * mean, 0.0)) + gate.doubt_A
     if bad_current:
-        now, doubt = mean, spread
+        g[GONE_S] += step
+        held = g[GONE_S] <= HELD_S and not stuck_current and not first
+        now, doubt = g[LAST_A] if held else mean, spread
     else:
+        g[GONE_S] = 0.0
         now, doubt = current_A, 0.0
         # A sample beyond a gap stands for no more time than any other.
         _remember_current(gate, g, now, min(step, gate.gap_s))

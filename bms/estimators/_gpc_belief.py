@@ -32,15 +32,15 @@ Array = NDArray[np.float64]
 X1, V2, HYSTERESIS, CLOCK_S, ON_S, DOUBT_C2 = 0, 1, 2, 3, 4, 5
 WEIGHT_S, SQUARE_V2S, FAST_V2, SLOW_V, COUNT, OCCASION, REJECTED, SINCE_S = range(6, 14)
 DOUBT_A, LOST_V, LOST2_V, LOST_H, FAR_S = range(14, 19)
-EARNED_S, MISMATCH_S, CALM_S, PATIENCE_S, ALARM_S, DOUBTED_C = range(19, 25)
-SCALARS = 25
+EARNED_S, MISMATCH_S, CALM_S, PATIENCE_S, ALARM_S, DOUBTED_C, REFUSED_C = range(19, 26)
+SCALARS = 26
 """Places in the memory behind the gate's: charge since the start, second pair, hysteresis, clock of the
 offset, time since start, variance of x1, sums of weights and of squared voltage, residuals (square, mean),
 weighted number of samples, rest or full charge at the last sample, rejected samples, time since a step,
 doubt about the last current, and what such doubts leave: deviations of both pairs and of the
 hysteresis; time for which residuals have been far off; time for which they have been small, for which a
 mismatch stands and for which there was none, how long one may stand, how long it is still flagged, and
-the charge that it puts in doubt."""
+the charge that it puts in doubt; the charge that refused voltages put in doubt."""
 
 QUICK_S = 100.0
 """Time for which a residual counts as one where quick changes of the current are looked at."""

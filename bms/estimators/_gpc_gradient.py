@@ -31,6 +31,7 @@ from bms.estimators._gpc_belief import (
     ON_S,
     PATIENCE_S,
     QUICK_S,
+    REFUSED_C,
     REJECTED,
     SCALARS,
     SINCE_S,
@@ -83,6 +84,7 @@ INSIDE = 0.02
 MOST_VARIANCE = 1.0 / 12.0
 FAR_SOC = 0.03
 FAR_SD = 20.0
+SPIKE_S = 10.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -236,9 +238,30 @@ def _start_anew(settings: Settings, room: Room) -> None:
     x[X1] = soc / theta[ALPHA] - theta[X10] + theta[BIAS] * x[CLOCK_S]
     x[DOUBT_C2] = MOST_VARIANCE / (theta[ALPHA] * theta[ALPHA])
     x[LOST_V], x[LOST_H] = LATELY_V, 1.0
-    x[SLOW_V], x[REJECTED], x[FAR_S], x[DOUBTED_C], x[MISMATCH_S] = 0.0, 0.0, 0.0, 0.0, 0.0
+    x[SLOW_V], x[REJECTED], x[FAR_S] = 0.0, 0.0, 0.0
+    x[DOUBTED_C], x[REFUSED_C], x[MISMATCH_S] = 0.0, 0.0, 0.0
     x[ALARM_S] = _watch.longest_alarm(x[PATIENCE_S])
     _forget(room, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _refused_C2(x: Array) -> float:
+    """Part of the variance of the charge that stems from voltages refused in a row: none judges by it."""
+    return float(min(x[REFUSED_C] ** 2, x[DOUBT_C2])) if x[REJECTED] > SPIKE_S else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _doubt_refused(settings: Settings, x: Array, off_V: float, ohm: float, alpha: float, dt: float) -> None:
+    """Count a refused voltage, and doubt the charge: it may be the current that is wrong, by so much.
+
+    What ends within seconds was a spike of the voltage.
+    """
+    before_C2 = _refused_C2(x)
+    x[REJECTED] += min(max(dt, _watch.LEAST_STEP_S), _watch.MOST_STEP_S)
+    x[REFUSED_C] += min(off_V / max(ohm, off_V / settings.limit_A), settings.limit_A) * dt
+    if x[REJECTED] > SPIKE_S:
+        most = max(MOST_VARIANCE / (alpha * alpha) - x[DOUBT_C2], 0.0)
+        x[DOUBT_C2] += min(x[REFUSED_C] ** 2 - before_C2, most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -396,19 +419,19 @@ def run(
             square = residual_V * residual_V
             limit = (
                 OUTLIER_SD * OUTLIER_SD * (x[FAST_V2] + noise_V2 + lost_V2)
-                + slope_V * slope_V * (alpha * alpha * x[DOUBT_C2]) * OUTLIER_SD
+                + slope_V * slope_V * (alpha * alpha * (x[DOUBT_C2] - _refused_C2(x))) * OUTLIER_SD
                 + (theta[R] * seen.doubt_A) ** 2 * OUTLIER_SD
             )
             if x[WEIGHT_S] > RESIDUAL_S and square > limit:
-                x[REJECTED] += min(max(dt, _watch.LEAST_STEP_S), _watch.MOST_STEP_S)
                 flags |= _gate.OUTLIER
                 usable = False
+                _doubt_refused(settings, x, abs(residual_V), theta[R] + reference[1] + r2, alpha, dt)
                 if x[REJECTED] > _watch.MOST_TRUST_S:
                     _start_anew(settings, room)
                     x[ALARM_S] = max(x[ALARM_S], _watch.REFUSED_HOLD_S)
                     x[FAST_V2] = square
             else:
-                x[REJECTED] = 0.0
+                x[REJECTED] = x[REFUSED_C] = 0.0
                 quick = min(dt / RESIDUAL_S, 1.0)
                 x[FAST_V2] += quick * (square - x[FAST_V2])
                 x[SLOW_V] += quick * (residual_V - x[SLOW_V])

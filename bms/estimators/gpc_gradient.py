@@ -46,12 +46,13 @@ correlation time. What a gradient still has to go to the least-squares solution 
 the variance grows when model and cell differ.
 
 **Wrong readings.** Voltages far from what is expected (eight standard deviations of recent residuals) are
-refused, for up to five minutes. After that, and when residuals have a mean that stands for five minutes
-(twice as long each time it comes back) though they had none before, what was learnt is given up: M and b are
-emptied, the parameters start anew, and the SOC may be anything, as doubt about :math:`x_1`. While the mean
-stands, that doubt grows by the current that would explain it, as in `bms.estimators.joint`. A mean counts
-against the doubt as one error that lasts as long as the mean is taken over, not as a new one with every
-sample: it may be the model's.
+refused, for up to five minutes; beyond ten seconds, which a spike may last, the counted charge is in doubt by
+the current that would explain them, as the current may be the reading that is wrong. After that, and when
+residuals have a mean that stands for five minutes (twice as long each time it comes back) though they had
+none before, what was learnt is given up: M and b are emptied, the parameters start anew, and the SOC may be
+anything, as doubt about :math:`x_1`. While the mean stands, that doubt grows by the current that would
+explain it, as in `bms.estimators.joint`. A mean counts against the doubt as one error that lasts as long as
+the mean is taken over, not as a new one with every sample: it may be the model's.
 
 **Temperature.** Where it is not measured and the cell has a thermal node, the node is simulated from the heat
 that the measured voltage shows, in surroundings of ``Sensors.ambient_C``.
