@@ -5,23 +5,23 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from socwise import reproduce
 from socwise.reproduce.traffic_case import (
     GREENSHIELDS,
     UNDERWOOD,
-    matched_draws,
     pair_error,
     parameters,
     road,
     run,
     sample_error,
 )
+from socwise.reproduce.traffic_draws import library_numbers, report_draws
 from socwise.reproduce.traffic_published import PUBLISHED, SIZES
-from socwise.reproduce.traffic_tables import BEYOND, _judged, _within_factor, _within_share
+from socwise.reproduce.traffic_tables import TABLES, _pair_error
 
-QUICK = ["table9", "table10", "table13", "table14", *(f"fig{n}" for n in range(34, 50))]
-LONG = ["table11", "table12", *(f"table{n}" for n in range(15, 21)), "fig50"]
+ITEMS = [*(f"table{n}" for n in range(9, 21)), *(f"fig{n}" for n in range(34, 50))]
 
 
 def check(place):
@@ -36,20 +36,16 @@ def check(place):
     return found
 
 
-@pytest.mark.parametrize("place", QUICK)
-def test_every_row_of_the_quick_items_is_right(place):
-    check(place)
+@pytest.mark.parametrize("place", ITEMS)
+def test_every_row_is_right(place):
+    found = check(place)
+    if place.startswith("table"):
+        assert sum(row.published is not None for row in found.rows) >= 36
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", LONG)
-def test_every_row_of_the_long_items_is_right(place):
-    found = check(place)
-    if place.startswith("table") and place not in ("table11", "table12"):
-        judged = [row for row in found.rows if row.published is not None]
-        told = [row for row in judged if "99 % of samples" in row.name]
-        greenshields = place in ("table15", "table16")
-        assert len(told) <= (1 if greenshields else 10)
+def test_every_row_of_the_sampling_figure_is_right():
+    check("fig50")
 
 
 def test_the_tables_are_as_long_as_printed():
@@ -61,18 +57,48 @@ def test_the_tables_are_as_long_as_printed():
     assert PUBLISHED[9] == PUBLISHED[11] or PUBLISHED[9][1] == PUBLISHED[11][1]
 
 
-def test_matched_draws_have_the_printed_moments():
-    draws = matched_draws()
-    speed = 75.0 + 3.0 * draws[..., 0]
+def test_the_generator_is_the_one_of_microsofts_library():
+    assert library_numbers(10) == [41, 18467, 6334, 26500, 19169, 15724, 11478, 29358, 26962, 24464]
+    assert report_draws(3)[2, 1] == pytest.approx(
+        math.sqrt(-2.0 * math.log(5705 / 32767)) * math.cos(6.28 * 28145 / 32767), rel=1e-12
+    )
+    np.testing.assert_array_equal(report_draws(100)[:7], report_draws(7))
+
+
+def test_the_draws_are_those_that_the_report_prints():
+    # Nothing of the road is in this: at 1 s the speed is the free-flow speed.
+    speed = 75.0 + 3.0 * report_draws(100)[:, 0]
     errors, means = (np.array(half)[:, 0] for half in PUBLISHED[9])
     for size, error, mean in zip(SIZES, errors, means, strict=True):
-        np.testing.assert_allclose(speed[:, :size].mean(axis=1), mean, rtol=1e-12)
-        np.testing.assert_allclose(sample_error(speed, size), error, rtol=1e-12)
-    means = [draws[:, :size, 1].mean(axis=1) for size in SIZES]
-    assert max(np.ptp(mean) for mean in means) < 1e-12
-    scores = [float(mean[0]) * math.sqrt(size) for mean, size in zip(means, SIZES, strict=True)]
-    assert np.abs(scores).max() < 3.0
-    assert np.abs(draws[..., 2].mean()) < 0.02
+        assert speed[:size].mean() == pytest.approx(mean, abs=5e-4)
+        assert sample_error(speed, size) == pytest.approx(error, abs=2.5e-5)
+    # With pi as it is, the first error would be 1.6768.
+    assert sample_error(speed, 5) == pytest.approx(1.67759, abs=5e-6)
+
+
+def test_the_rows_for_five_scenarios_tell_their_draws():
+    """As they were found: least squares on what the tables print, with nothing of a generator."""
+    start = np.random.default_rng(0).standard_normal((5, 2)) - [1.335, 0.0]
+    fit = least_squares(first_rows, start.ravel(), diff_step=1e-4)
+    assert np.abs(fit.fun).max() < 6.0
+    found = fit.x.reshape(-1, 2)
+    # The tables do not say in which order they come.
+    found, truth = (each[np.argsort(each[:, 0])] for each in (found, report_draws(5)))
+    assert np.abs(found[0] - truth[0]).max() < 0.01
+    assert np.all(np.abs(found - truth).max(axis=0) < [0.08, 0.25])
+
+
+def first_rows(draws):
+    """Ours less published for 5 scenarios in Tables 9, 10 and 12 to 16, in halves of about the last digit."""
+    parts = []
+    for number in (9, 10, 12, 13, 14, 15, 16):
+        kind, sd, at = TABLES[number]
+        speed = run(kind, parameters(kind, sd, draws.reshape(-1, 2))[0])[at]
+        error, mean = np.array(PUBLISHED[number][0 if number < 13 else 1][0]), PUBLISHED[number][1][0]
+        parts.append((sample_error(speed, 5) - error) / 5e-5)
+        if number < 13:
+            parts.append((speed.mean(axis=1) - mean) / 5e-4)
+    return np.concatenate(parts)
 
 
 def test_errors_are_written_out():
@@ -82,7 +108,7 @@ def test_errors_are_written_out():
     n = 10
     assert sample_error(first, n)[0] == pytest.approx(np.std(first[0, :n], ddof=1) / math.sqrt(n))
     assert pair_error(pairs, n)[0] == pytest.approx(np.std(pairs[0, :5], ddof=1) / math.sqrt(5.0))
-    assert pair_error(pairs, 5)[0] == pytest.approx(np.std(pairs[0, :3], ddof=1) / math.sqrt(2.5))
+    assert pair_error(pairs, 5)[0] == pytest.approx(np.std(pairs[0, :3], ddof=1) / math.sqrt(3.0))
 
 
 def test_draws_below_the_demand_are_truncated_and_counted():
@@ -95,13 +121,10 @@ def test_draws_below_the_demand_are_truncated_and_counted():
     assert np.all(np.isfinite(run(GREENSHIELDS, values)))
 
 
-def test_a_row_is_judged_by_its_rule_and_else_shown_with_the_range():
-    ours = np.linspace(0.9, 1.1, 101)
-    assert _judged("x", 1.05, ours, _within_share).name == "x"
-    assert _judged("x", 2.9, ours, _within_factor).ok
-    assert _judged("x", 3.1, ours, _within_factor).name.endswith(BEYOND)
-    wide = np.linspace(0.0, 4.0, 101)
-    assert "99 % of samples 0.02 to 3.98" in _judged("x", 1.0, wide, _within_share).name
-    assert not _judged("x", 1.0, wide, _within_share).name.endswith(BEYOND)
-    assert not _judged("x", math.nan, ours, _within_share).ok
-    assert _judged("x", math.nan, 1e-4 * ours, _within_share).ok
+def test_antithetic_errors_are_judged_to_the_reports_rounding():
+    assert _pair_error("x", 0.1, 0.1009).ok
+    assert not _pair_error("x", 0.1, 0.1011).ok
+    assert _pair_error("x", 0.001, 0.00129).ok
+    assert not _pair_error("x", 0.001, 0.00131).ok
+    assert _pair_error("x", math.nan, 1e-4).ok
+    assert not _pair_error("x", math.nan, 1e-2).ok

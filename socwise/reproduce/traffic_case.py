@@ -1,11 +1,7 @@
-"""The road of [M] part 4 in the report's own cells and scheme, and draws that match what it prints.
+"""The road of [M] part 4 in the report's own cells and scheme, run for the report's own draws.
 
-The report's random draws are unknown, but its tables tell their moments. At t = 1 s the speed is the
-free-flow speed, so Tables 9 and 11 give its mean and standard deviation for every number of scenarios; we
-take them for nested, each sample beginning with the one before. The mean speed at location 1 after 300 s,
-Table 10, gives the mean of the jam density of the plain samples; nothing else is known of densities, and
-nothing of those of the antithetic samples. Of draws with these moments there are many: we take a number of
-samples of them, and compare their median.
+The draws are those of `socwise.reproduce.traffic_draws`; at t = 1 s the speed is the free-flow speed, so
+Tables 9 and 11 show at once whether they are the right ones.
 """
 
 from __future__ import annotations
@@ -17,7 +13,8 @@ from numpy.typing import NDArray
 
 from drivecycles.traffic import Diagram, Greenshields, Road, Underwood
 from drivecycles.traffic.lwr import simulate_members
-from socwise.reproduce.traffic_published import PUBLISHED, SIZES
+from socwise.reproduce.traffic_draws import report_draws
+from socwise.reproduce.traffic_published import SIZES
 
 Array = NDArray[np.float64]
 
@@ -32,7 +29,6 @@ LOCATIONS_MILE = (0.5, 1.0, 2.5, 5.0)
 TIMES_S = (1.0, 150.0, 300.0)
 SPEED_MPH, JAM_PER_MILE, CRITICAL_PER_MILE = 75.0, 250.0, 50.0
 GREENSHIELDS, UNDERWOOD = "greenshields", "underwood"
-SAMPLES, SEED, NEWTON = 400, 20100200, 2
 SPARE = 1.02
 """Least capacity over demand for Greenshields: below 1 the report's scheme blows up."""
 
@@ -80,79 +76,29 @@ def run(kind: str, values: Array, time_s: tuple[float, ...] = TIMES_S, scheme: s
     return fields.speed_mps.reshape(len(time_s), len(CELLS), *values.shape[:-1]) / MPH
 
 
-@lru_cache(maxsize=2)
-def matched_draws(samples: int = SAMPLES) -> Array:
-    """Draw nested samples with the moments that the report prints, shape (samples, 100, 3).
-
-    The last axis holds free-flow speed, density of the plain and density of the antithetic samples.
-    """
-    blocks = np.diff(SIZES, prepend=0).astype(np.float64)
-    error, mean = (np.array(half)[:, 0] for half in PUBLISHED[9])
-    total, square = _sums((mean - SPEED_MPH) / 3.0, error * np.sqrt(SIZES) / 3.0)
-    first = _blocks(np.random.default_rng(SEED), samples, total, square - total**2 / blocks)
-    free = np.random.default_rng(SEED + 2).standard_normal(first.shape)
-    wanted, shift = np.array(PUBLISHED[10][1])[:, 0], np.zeros(len(SIZES))
-    for turn in range(NEWTON + 1):
-        total, _ = _sums(shift, np.ones(len(SIZES)))
-        second = _blocks(np.random.default_rng(SEED + 1), samples, total, None)
-        draws = np.stack([first, second, free], axis=-1)
-        if turn < NEWTON:
-            speed = run(GREENSHIELDS, parameters(GREENSHIELDS, 3.0, draws[..., :2])[0], TIMES_S[-1:])[0, 0]
-            ours = np.array([speed[:, :size].mean() for size in SIZES])
-            shift = shift + (wanted - ours) / _slope()
-    draws.flags.writeable = False
-    return draws
-
-
-def _slope() -> float:
-    """Give the slope of the speed at location 1 after 300 s over the jam density's standard draw."""
-    values = np.array([[SPEED_MPH, JAM_PER_MILE - 3.0], [SPEED_MPH, JAM_PER_MILE + 3.0]])
-    low, high = run(GREENSHIELDS, values, TIMES_S[-1:])[0, 0]
-    return float(0.5 * (high - low))
-
-
-def _sums(mean: Array, sd: Array) -> tuple[Array, Array]:
-    """Turn means and standard deviations of nested samples into sums and squares of what each adds."""
-    sizes = np.array(SIZES, dtype=np.float64)
-    square = (sizes - 1.0) * sd**2 + sizes * mean**2
-    return np.diff(mean * sizes, prepend=0.0), np.diff(square, prepend=0.0)
-
-
-def _blocks(generator: np.random.Generator, samples: int, total: Array, scatter: Array | None) -> Array:
-    """Draw blocks of given sums and, unless left free, sums of squares about their means."""
-    parts = []
-    for at, size in enumerate(np.diff(SIZES, prepend=0)):
-        z = generator.standard_normal((samples, int(size)))
-        z -= z.mean(axis=1, keepdims=True)
-        if scatter is not None:
-            z *= np.sqrt(scatter[at] / np.sum(z**2, axis=1, keepdims=True))
-        parts.append(z + total[at] / size)
-    return np.concatenate(parts, axis=1)
-
-
 @lru_cache(maxsize=6)
-def plain_speeds(kind: str, sd: float, samples: int = SAMPLES) -> tuple[Array, int]:
-    """Run matched draws.
+def plain_speeds(kind: str, sd: float) -> tuple[Array, int]:
+    """Run the report's draws.
 
     Returns
     -------
-    tuple of ndarray, shape (3, 4, samples, 100), and int
+    tuple of ndarray, shape (3, 4, 100), and int
         Speeds in mph, and how many draws were truncated.
     """
-    values, low = parameters(kind, sd, matched_draws(samples)[..., :2])
+    values, low = parameters(kind, sd, report_draws(SIZES[-1]))
     return run(kind, values), low
 
 
 @lru_cache(maxsize=4)
-def pair_means(kind: str, sd: float, samples: int = SAMPLES) -> tuple[Array, int]:
+def pair_means(kind: str, sd: float) -> tuple[Array, int]:
     """Run the first half of the draws and their mirror images.
 
     Returns
     -------
-    tuple of ndarray, shape (3, 4, samples, 50), and int
+    tuple of ndarray, shape (3, 4, 50), and int
         Mean speeds of the pairs in mph, and how many draws were truncated.
     """
-    draws = matched_draws(samples)[:, : SIZES[-1] // 2, ::2]
+    draws = report_draws(SIZES[-1] // 2)
     values, low = parameters(kind, sd, np.stack([draws, -draws]))
     return run(kind, values).mean(axis=2), low
 
@@ -163,6 +109,5 @@ def sample_error(speed: Array, size: int) -> Array:
 
 
 def pair_error(pairs: Array, size: int) -> Array:
-    """Estimate that of ``size`` antithetic runs, n/2 pairs (drawn: rounded up), ``s / sqrt(n/2)``."""
-    first = pairs[..., : (size + 1) // 2]
-    return np.asarray(first.std(axis=-1, ddof=1) / np.sqrt(0.5 * size), dtype=np.float64)
+    """Estimate that of ``size`` antithetic runs: p = n/2 pairs, rounded up, ``s / sqrt(p)``."""
+    return sample_error(pairs, (size + 1) // 2)

@@ -25,10 +25,10 @@ from socwise.reproduce.traffic_case import (
     STEP_S,
     UNDERWOOD,
     diagram,
-    matched_draws,
     parameters,
     run,
 )
+from socwise.reproduce.traffic_draws import report_draws
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,10 +45,10 @@ NOTES = {
         " state the flow is the demand: the speed solves v (1 - v/vf) kj = q; falls are counted towards it."
     ),
     (GREENSHIELDS, True): (
-        "Report's scheme and cells, five draws with the moments of its Table 9, the first of our samples; its"
-        " own are unknown. Time of the fall: when the speed is 1 mph below the free one. 'At the same time"
-        " for all scenarios' at locations 1 to 3 does not quite hold: a front travels at a speed near vf, so"
-        " the times part in proportion to distance."
+        "Report's scheme and cells, and its own first five draws, as its tables tell them. Time of the fall:"
+        " when the speed is 1 mph below the free one. 'At the same time for all scenarios' at locations 1 to"
+        " 3 does not quite hold: a front travels at a speed near vf, so the times part in proportion to"
+        " distance."
     ),
     (UNDERWOOD, False): (
         "The capacity, 1380 veh/h, is below the demand. Under the report's scheme cell 1 jams at 14 s, what"
@@ -56,7 +56,7 @@ NOTES = {
         " fills the road at capacity. The report's 'marginally different from Greenshields' holds of neither."
     ),
     (UNDERWOOD, True): (
-        "As mautc-fig42 to fig45, five draws, the first of our samples. The report's 'similar to each other"
+        "As mautc-fig42 to fig45, for the report's first five draws. Its 'similar to each other"
         " at all four locations' holds of their shape, a dip that travels; depth and time differ."
     ),
 }
@@ -74,7 +74,7 @@ def _mean_speeds(kind: str) -> tuple[Array, Array]:
 @lru_cache(maxsize=2)
 def _drawn_speeds(kind: str) -> Array:
     """Run five draws: speeds in mph, shape (301, 4, 5)."""
-    values, _ = parameters(kind, SD, matched_draws()[0, :SCENARIOS, :2])
+    values, _ = parameters(kind, SD, report_draws(SCENARIOS))
     return run(kind, values, TIMES_S)
 
 
