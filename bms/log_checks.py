@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 MIN_SAMPLES = 10
 MOST_REPEATED = 0.5
 HIGHEST_V, LOWEST_V = 1200.0, 0.05
+COLDEST_C, HOTTEST_C = -60.0, 150.0
 HIGHEST_C_RATE = 100.0
 LONG_STEP_S = 120.0
 WRONG_SIGN = -0.3
@@ -86,7 +87,8 @@ def check_scale(log: LoggedData) -> None:
     Raises
     ------
     BatteryError
-        No current or voltage at all, a median voltage beyond 0.05 to 1200 V, or a SOC beyond 0 to 1.
+        No current or voltage at all, a median voltage beyond 0.05 to 1200 V, a median temperature beyond
+        -60 to 150 degC, or a SOC beyond 0 to 1.
     """
     for name, values in (("current", log.current_A), ("voltage", log.voltage_V)):
         if not np.any(np.isfinite(values)):
@@ -100,6 +102,15 @@ def check_scale(log: LoggedData) -> None:
             f"{log.source}: the median voltage is {median_V:g} V, which looks like {looks}; give the unit"
             f" behind a colon: --voltage {log.headers['voltage']!r}:{unit}"
         )
+    if log.temperature_C is not None and np.any(np.isfinite(log.temperature_C)):
+        median_C = float(np.nanmedian(log.temperature_C))
+        if not COLDEST_C <= median_C <= HOTTEST_C:
+            looks, unit = ("K", "K") if median_C > HOTTEST_C else ("degC rather than K", "degC")
+            raise BatteryError(
+                f"{log.source}: the median temperature is {median_C:g} degC, which looks like {looks}; give"
+                f" the unit behind a colon: --temperature {log.headers['temperature']!r}:{unit}, or leave it"
+                " out: --temperature none"
+            )
     if log.soc_true is not None and np.any(np.isfinite(log.soc_true)):
         low, high = float(np.nanmin(log.soc_true)), float(np.nanmax(log.soc_true))
         if high > 1.5 or low < -0.5:
@@ -151,7 +162,7 @@ def doubts(log: LoggedData) -> tuple[str, ...]:
     if log.step_s > LONG_STEP_S:
         found.append(
             f"there is one sample every {log.step_s:g} s; if the time is in ms, say so:"
-            f" --time {log.headers['time']!r}:ms"
+            f" --time {log.headers.get('time', 'time')!r}:ms"
         )
     return tuple(found)
 

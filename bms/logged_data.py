@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bms.errors import BatteryError
-from bms.log_checks import check_scale, doubts, kept_times
+from bms.log_checks import MIN_SAMPLES, check_scale, doubts, kept_times
 from bms.log_columns import MOMENT, Column, find_columns
 from bms.log_text import Layout, blocks, layouts, line_of, parse
 
@@ -111,22 +111,26 @@ class LoggedData:
         return float(self.time_s[-1] - self.time_s[0])
 
     def after(self, start_s: float) -> LoggedData:
-        """Leave out what was logged in the first ``start_s`` seconds.
+        """Leave out what was logged in the first ``start_s`` seconds, and what was to be said of it.
 
         Raises
         ------
         BatteryError
-            When nothing is left, or the time is negative.
+            When fewer than 10 samples are left, or the time is negative.
         """
         first = int(np.searchsorted(self.time_s, self.time_s[0] + start_s))
-        if not start_s >= 0.0 or first > len(self) - 2:
+        left = len(self) - first
+        if not start_s >= 0.0 or left < MIN_SAMPLES:
             raise BatteryError(
-                f"a start after {start_s:g} s leaves nothing of {self.source}, which lasts"
-                f" {self.duration_s:g} s"
+                f"a start after {start_s:g} s leaves {left if start_s >= 0.0 and left else 'nothing'} of the"
+                f" {len(self)} samples of {self.source}, which lasts {self.duration_s:g} s; an estimate needs"
+                f" at least {MIN_SAMPLES}"
             )
         later = slice(first, None)
         kept = {name: values[later] for name in _ARRAYS if (values := getattr(self, name)) is not None}
-        return replace(self, **kept)
+        log, of_all = replace(self, **kept), _value_notes(self)
+        notes = [note for note in self.notes if note not in of_all]
+        return replace(log, notes=(*notes, *_value_notes(log)), doubts=doubts(log))
 
 
 def read_log(
@@ -173,7 +177,8 @@ def read_log(
     if discharge_positive:
         np.negative(table["current"], out=table["current"])
         notes.append("the sign of the current was turned: in the file a positive current discharges")
-    notes += _missing(table)
+    for values in table.values():
+        values[~np.isfinite(values)] = np.nan
     log = LoggedData(
         time_s=table["time"],
         current_A=table["current"],
@@ -185,7 +190,7 @@ def read_log(
         headers={column.quantity: column.header for column in found},
     )
     check_scale(log)
-    return replace(log, notes=(*log.notes, *_gap_note(log)), doubts=doubts(log))
+    return replace(log, notes=(*log.notes, *_value_notes(log)), doubts=doubts(log))
 
 
 def _recognised(path: Path, given: Mapping[str, str | None] | None) -> tuple[Layout, list[Column]]:
@@ -232,16 +237,19 @@ def _check_order(layout: Layout, table: dict[str, Array], notes: list[str]) -> N
     )
 
 
-def _missing(table: dict[str, Array]) -> list[str]:
-    """Turn infinities into NaN, and say how much is missing."""
+def _value_notes(log: LoggedData) -> list[str]:
+    """Say how much is missing, and where time jumps."""
     notes = []
-    for quantity, values in table.items():
-        lost = ~np.isfinite(values)
-        count = int(np.count_nonzero(lost))
+    for name, values in (
+        ("current", log.current_A),
+        ("voltage", log.voltage_V),
+        ("temperature", log.temperature_C),
+        ("soc", log.soc_true),
+    ):
+        count = 0 if values is None else int(np.count_nonzero(~np.isfinite(values)))
         if count:
-            values[lost] = np.nan
-            notes.append(f"the {quantity} is missing in {count} of {values.size} samples")
-    return notes
+            notes.append(f"the {name} is missing in {count} of {len(log)} samples")
+    return [*notes, *_gap_note(log)]
 
 
 def _gap_note(log: LoggedData) -> list[str]:

@@ -50,6 +50,35 @@ def test_members_must_fit_together():
         run_members([one, make_estimator("gpc_gradient", cell)], [0.0], [3.3])
     with pytest.raises(BatteryError, match=r"\(3, 1\) for 1"):
         run_members([one], np.zeros((3, 1)), [3.3])
+    # They would share their memory, and each would go on where the other stopped.
+    with pytest.raises(BatteryError, match=r"twice.*estimator\.copy\(\)"):
+        run_members([one, make_estimator("coulomb", cell), one], [0.0], [3.3])
+    run_members([one, one.copy()], [0.0], [3.3])
+
+
+@pytest.mark.parametrize("name", estimator_names())
+@pytest.mark.parametrize("cell_name", ["nmc-lgm50", "a123-26650"])
+@pytest.mark.parametrize("series", [24, 96])
+def test_a_pack_is_its_cell_though_beliefs_be_given_up(series, cell_name, name):
+    """All volts times the cells in series: the same belief, whatever lies and holes there are."""
+    cell = load_cell(cell_name)
+    rng = np.random.default_rng(3)
+    current = np.repeat(rng.normal(-0.1, 0.6, 720), 10) * cell.capacity_Ah
+    run = simulate(cell, current, soc=0.7)
+    current += rng.normal(0.0, 0.01, current.size)
+    voltage = run.voltage_V + rng.normal(0.0, 0.002, current.size)
+    voltage[2400:3600] += 0.15
+    voltage[4000:4600] = math.nan
+    current[5000:5400] = math.nan
+    one = make_estimator(name, cell, soc=0.6, soc_sd=0.1).run(current, voltage)
+    sensors = Sensors(voltage_sd_V=0.002 * series)
+    pack = make_estimator(name, cell.scaled(series=series), soc=0.6, soc_sd=0.1, sensors=sensors)
+    many = pack.run(current, series * voltage)
+    if name != "coulomb":
+        assert np.any(one.flags & int(Flag.MISMATCH))
+    np.testing.assert_allclose(many.soc, one.soc, atol=1e-7)
+    np.testing.assert_allclose(many.variance, one.variance, atol=1e-7)
+    assert np.array_equal(many.flags, one.flags)
 
 
 @pytest.mark.parametrize("name", estimator_names())

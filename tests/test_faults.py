@@ -12,6 +12,7 @@ from bms.cells import load_cell
 from bms.estimators.catalogue import estimator_names, make_estimator
 from bms.faults import Dropout, Gap, SensorGain, SensorOffset, Spikes, Stuck, inject
 from bms.flags import Flag
+from bms.simulation import simulate
 
 EVERY = 10
 """Rows are kept every so many samples; a row's flags are those of all of them."""
@@ -223,6 +224,20 @@ def test_nan_from_the_first_sample_on(name):
         assert not np.any(Flag(0) == trace.flags[:121])
         assert np.all(error <= np.maximum(3.0 * np.sqrt(trace.variance), 0.03))
         assert not np.any(trace.flags[trace.time_s >= 1200.0 + CLEAN_S])
+
+
+@each_estimator
+@pytest.mark.parametrize("every_s", [20, 60])
+def test_a_current_that_is_read_now_and_then(name, every_s):
+    cell, samples = load_cell("a123-26650"), 5400
+    current_A = np.full(samples, -0.5 * cell.capacity_Ah)
+    run = simulate(cell, current_A, soc=0.95)
+    current_A[np.arange(samples) % every_s > 0] = math.nan
+    voltage_V = run.voltage_V + np.random.default_rng(1).normal(0.0, 0.002, samples)
+    trace = make_estimator(name, cell, soc=0.95, soc_sd=0.01).run(current_A, voltage_V)
+    assert np.all(np.abs(trace.soc - run.soc) <= 2.0 * np.sqrt(trace.variance))
+    assert trace.soc[-1] == pytest.approx(run.soc[-1], abs=0.02)
+    assert trace.variance[-1] < 0.06**2
 
 
 @each_estimator

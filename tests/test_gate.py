@@ -141,6 +141,37 @@ def test_a_load_that_changes_while_most_readings_are_missing_is_followed():
     assert charge_C == pytest.approx(600.0, abs=5.0)
 
 
+@pytest.mark.parametrize("holds", ["from", "until"])
+@pytest.mark.parametrize("every", [11, 20, 60])
+def test_sparse_readings_of_a_constant_current_count_it_right_from_the_first(every, holds):
+    screen = Screen(gate_for(CELL, Sensors(holds=holds)))
+    charge_C = sum(
+        screen(-2.0 if k % every == 0 else NAN, screen.fresh()).drive_A for k in range(3601)
+    )  # of the first step none is known
+    assert charge_C == pytest.approx(-2.0 * 3600.0, abs=2.0 * 1.001)
+
+
+@pytest.mark.parametrize("every", [1, 10, 20, 60])
+def test_the_mean_forgets_by_time_however_few_the_readings(every):
+    screen = Screen().settle(-2.0)
+    for k in range(1, 1201):
+        screen(1.0 + 1e-9 * k if k % every == 0 else NAN, screen.fresh())
+    mean_A = 1.0 - 3.0 * (1.0 - every / 600.0) ** (1200 // every)
+    for _ in range(12):
+        seen = screen(NAN, screen.fresh())
+    assert seen.now_A == pytest.approx(mean_A, abs=1e-5)
+
+
+def test_the_first_reading_is_the_mean_and_may_be_anything_usual():
+    screen = Screen()
+    screen(NAN, 3.3)
+    screen(-3.0, 3.31)
+    for _ in range(12):
+        seen = screen(NAN, screen.fresh())
+    assert seen.now_A == pytest.approx(-3.0)
+    assert seen.doubt_A == pytest.approx((0.5 + 0.2) * CELL.capacity_Ah, rel=0.01)
+
+
 def test_a_stuck_current_is_not_held():
     screen = Screen().settle(-2.0, swing=1.0, samples=9001)
     for k in range(20):
@@ -277,8 +308,8 @@ def test_a_current_spike_out_of_range_does_not_make_the_voltage_stuck():
 def test_rest_counts_after_it_has_lasted():
     screen = Screen().settle(samples=20)
     assert GATE.rest_A == pytest.approx(0.005 * 2.0 + 0.03)
-    flags = [Flag(screen(0.04 - 1e-6 * (k % 7), screen.fresh(), 10.0).flags) for k in range(370)]
-    assert flags == [Flag(0)] * 359 + [Flag.REST] * 11
+    flags = [Flag(screen(0.04 - 1e-6 * (k % 7), screen.fresh(), 10.0).flags) for k in range(371)]
+    assert flags == [Flag(0)] * 360 + [Flag.REST] * 11
     assert screen(0.041, screen.fresh()).flags == 0
     assert screen(0.0, screen.fresh()).flags == 0
     # A missing current is no rest, whatever stands in for it.
@@ -289,13 +320,48 @@ def test_rest_counts_after_it_has_lasted():
     assert resting(0.0, resting.fresh(), 10.0).flags == 0
 
 
+@pytest.mark.parametrize("holds", ["from", "until"])
+@pytest.mark.parametrize("step", [1.0, 60.0, 600.0, 1800.0, 3600.0])
+def test_an_hour_of_rest_is_no_shorter_where_steps_are_long(step, holds):
+    screen = Screen(gate_for(CELL, Sensors(holds=holds, gap_s=5.0 * step)))
+    for _ in range(5):
+        assert screen(-0.4, screen.fresh(), step).flags == 0
+    # A current that is the mean since the last sample tells of the step before it.
+    rested_s = 0.0 if holds == "from" else step
+    while not screen(0.0, screen.fresh(), step).flags & Flag.REST:
+        rested_s += step
+    assert rested_s == 3600.0
+
+
+@pytest.mark.parametrize("holds", ["from", "until"])
+def test_a_gap_over_which_the_battery_rested_is_rest(holds):
+    screen = Screen(gate_for(CELL, Sensors(holds=holds))).settle(samples=20)
+    assert Flag(screen(0.0, screen.fresh(), 3599.0).flags) == Flag.GAP
+    assert Flag(screen(0.0, screen.fresh(), 1.0).flags) == Flag.REST
+    # A short one is none: what flowed in it is unknown.
+    screen = Screen(gate_for(CELL, Sensors(rest_after_s=600.0))).settle(samples=20)
+    assert Flag(screen(0.0, screen.fresh(), 1800.0).flags) == Flag.GAP
+
+
+def test_the_load_of_a_small_cell_is_no_rest():
+    coin = linear_cell(capacity_Ah=0.04, full_charge_voltage_V=3.55, full_charge_current_A=0.002)
+    gate = gate_for(coin, Sensors())
+    assert gate.rest_A == pytest.approx(0.04 * (0.005 + 3 * 0.01))
+    assert gate.full_A == pytest.approx(0.002 + 2 * 0.01 * 0.04)
+    # A noise that is given is taken at its word, and above 1 Ah the default.
+    assert gate_for(coin, Sensors(current_sd_A=0.01)).rest_A == pytest.approx(0.04 * 0.005 + 0.03)
+    assert gate_for(linear_cell(capacity_Ah=1.0), Sensors()).rest_A == pytest.approx(0.005 + 0.03)
+    screen = Screen(gate)
+    assert not any(screen(-0.012, screen.fresh(), 60.0).flags for _ in range(120))
+
+
 def test_full_counts_after_voltage_and_current_have_lasted():
     full_V, full_A = GATE.full_V, GATE.full_A
     assert (full_V, full_A) == (pytest.approx(3.55 - 0.004), pytest.approx(0.1 + 0.02))
     wiggle = iter(np.arange(1000) * 1e-9)
     screen = Screen().settle(1.0, samples=20)
     flags = [Flag(screen(full_A - next(wiggle), full_V + next(wiggle)).flags) for _ in range(40)]
-    assert flags == [Flag(0)] * 29 + [Flag.FULL] * 11
+    assert flags == [Flag(0)] * 30 + [Flag.FULL] * 10
     for current, voltage in (
         (full_A + 0.001, full_V),
         (full_A, full_V - 0.001),

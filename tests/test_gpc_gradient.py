@@ -165,6 +165,28 @@ def test_gains_follow_the_cell():
         np.testing.assert_allclose(big.parameters[name], factor * small.parameters[name], rtol=1e-9)
 
 
+@pytest.mark.parametrize("series", [24, 96])
+def test_gains_follow_the_cells_in_series(series):
+    cell = load_cell("lfp-2ah")
+    current, voltage, _ = measured(cell, 3000)
+    options = {"soc": 0.4, "soc_sd": 0.2, "current_bias": True}
+    pack = make_estimator(
+        "gpc_gradient",
+        cell.scaled(series=series),
+        sensors=Sensors(voltage_sd_V=0.002 * series),
+        **options,
+    )
+    one = make_estimator("gpc_gradient", cell, **options).run(current, voltage)
+    many = pack.run(current, series * voltage)
+    np.testing.assert_allclose(many.soc, one.soc, atol=1e-12)
+    np.testing.assert_allclose(many.variance, one.variance, atol=1e-12)
+    for name, factor in zip(TRUTH, (1.0, series, series, 1.0 / series), strict=True):
+        np.testing.assert_allclose(many.parameters[name], factor * one.parameters[name], rtol=1e-10)
+    np.testing.assert_allclose(
+        many.parameters["current_bias_A"], one.parameters["current_bias_A"], atol=1e-12
+    )
+
+
 @pytest.mark.parametrize("name", ["gpc_gradient", "gpc_gauss_newton"])
 def test_reported_deviations_cover_the_errors(name):
     """24 h of 30 cells of unknown parameters: NEES of the SOC over the last hours."""

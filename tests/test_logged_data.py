@@ -278,14 +278,44 @@ def test_many_blocks_are_one_log(log):
 
 
 def test_a_later_start(log):
-    found = log(text("time_s,current_A,voltage_V,soc", np.arange(N) + 100, CURRENT, VOLTAGE, [0.5] * N))
+    current, voltage = [*range(7), *CURRENT], [*VOLTAGE[:7], *VOLTAGE]
+    found = log(text("time_s,current_A,voltage_V,soc", np.arange(19) + 100, current, voltage, [0.5] * 19))
     later = found.after(2.5)
-    np.testing.assert_array_equal(later.time_s, np.arange(103, 112))
-    np.testing.assert_array_equal(later.current_A, CURRENT[3:])
-    assert later.soc_true.size == N - 3
-    for start in (11.0, 1e6, -1.0, float("nan")):
+    np.testing.assert_array_equal(later.time_s, np.arange(103, 119))
+    np.testing.assert_array_equal(later.current_A, current[3:])
+    assert later.soc_true.size == 16
+    assert len(found.after(9.0)) == 10
+    for start in (19.0, 1e6, -1.0, float("nan")):
         with pytest.raises(BatteryError, match="leaves nothing"):
             found.after(start)
+    with pytest.raises(BatteryError, match=r"leaves 9 of the 19 samples.*at least 10"):
+        found.after(10.0)
+
+
+def test_what_is_left_out_is_not_spoken_of(log):
+    n = 60
+    time_s = np.arange(n) + 500 * (np.arange(n) >= 10)
+    current = (np.where(np.arange(n) < 20, 1.0, -1.0) + 0.001 * (np.arange(n) % 2)).tolist()
+    current[3] = current[40] = ""
+    rows = text("time_s,current_A,voltage_V", time_s, current, np.linspace(3.3, 3.2, n))
+    whole = log(rows + "999,0.2")
+    assert whole.notes == (
+        "the last line is not complete and was left out",
+        "the current is missing in 2 of 60 samples",
+        "1 gap longer than 5 times the usual step of 1 s; the longest, of 501 s, begins at 9 s",
+    )
+    assert whole.doubts == ()
+    later = whole.after(515.0)
+    assert later.notes == (
+        "the last line is not complete and was left out",
+        "the current is missing in 1 of 45 samples",
+    )
+    assert later.doubts == ()
+    (doubt,) = whole.after(525.0).doubts
+    assert "only ever discharges" in doubt
+    turned = log(rows, discharge_positive=True, columns={"current": "current_A"}).after(525.0)
+    assert "turned" in turned.notes[0]
+    assert "only ever charges" in turned.doubts[0]
 
 
 def test_a_log_cannot_be_changed_and_does_not_lock_what_it_was_made_of():
@@ -377,11 +407,22 @@ def test_a_clock_too_coarse(log):
         ({"voltage": [0.0033] * N}, ["0.0033 V"]),
         ({"current": [""] * N}, ["the current is missing in every row"]),
         ({"soc": np.linspace(10, 90, N)}, ["10 to 90", "per cent", "--soc 'soc':%"]),
+        (
+            {"celsius": [298.15] * N},
+            ["298.15 degC, which looks like K", "--temperature 'temperature_C':K", "--temperature none"],
+        ),
+        ({"celsius": [-248.0] * N}, ["-248 degC", "looks like degC rather than K", "'temperature_C':degC"]),
     ],
 )
 def test_values_that_no_battery_has(log, values, parts):
-    given = {"current": CURRENT, "voltage": VOLTAGE, "soc": [0.5] * N} | values
-    refused(log, text("time_s,current_A,voltage_V,soc", range(N), *given.values()), *parts)
+    given = {"current": CURRENT, "voltage": VOLTAGE, "soc": [0.5] * N, "celsius": [25.0] * N} | values
+    refused(log, text("time_s,current_A,voltage_V,soc,temperature_C", range(N), *given.values()), *parts)
+
+
+@pytest.mark.parametrize("celsius", [[-60.0] * N, [150.0] * N, [25.0] * 7 + [999.0] * 5, [""] * N])
+def test_a_temperature_that_can_be_or_is_wrong_now_and_then_is_read(log, celsius):
+    found = log(text("time_s,current_A,voltage_V,temperature_C", range(N), CURRENT, VOLTAGE, celsius))
+    assert found.temperature_C.size == N
 
 
 @pytest.mark.parametrize(

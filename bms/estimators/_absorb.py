@@ -41,8 +41,6 @@ CURVE_SOC = 0.003
 """Error of the OCV curve along the SOC: where it is steep, a table is off by many millivolts between nodes.
 
 Left out where the user says that the model has no error at all."""
-LOST_V = 0.02
-"""Standard deviation of the relaxation voltages when a belief is given up."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,9 +74,9 @@ def start_anew(places: Places, watch: Watch, g: Array, m: Array) -> None:
         if i != 0 and i != 1 and i != places.v2:
             m[STATE, i] = 0.0
     m[top, 0] = MOST_VARIANCE
-    m[top + 1, 1] += LOST_V * LOST_V
+    m[top + 1, 1] += watch.lost_V2
     if places.v2 >= 0:
-        m[top + places.v2, places.v2] += LOST_V * LOST_V
+        m[top + places.v2, places.v2] += watch.lost_V2
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -4,16 +4,17 @@ A reading is *bad* when it is missing (NaN, inf), outside its range, or stuck: t
 samples or more while the other reading says that it must move (both are stuck when a voltage stays the same
 to the last bit while a few per cent of the charge seem to pass). A bad voltage is not used. A bad current is
 replaced, with the doubt :math:`s_I`, the recent spread: for ten seconds by the last one that was read, unless
-that was stuck, then by the recent mean :math:`\bar I` (over some ten minutes), which comes late where most
-readings are missing. The error of a replaced current persists, so over a bad stretch the doubt about the
-charge grows linearly and its variance with the square:
+that was stuck, then by the recent mean :math:`\bar I` over some ten minutes, in which a reading stands for
+the time since the last good one. The error of a replaced current persists, so over a bad stretch the doubt
+about the charge grows linearly and its variance with the square:
 
 .. math:: d' = d + s_I h, \qquad \Delta \operatorname{var}(\text{charge}) = d'^2 - d^2 .
 
 The same holds over a gap between samples; over a long one the battery is taken to have rested, with the doubt
 of half an hour of use. A temperature that no battery has is passed over, as a missing one is: the last one
 stays, or, where the cell has a thermal node, moves with it. A sample also gives away rest (little current for
-long enough) and full charge.
+long enough) and full charge. Of a current that flows from its sample on, the step before the first quiet
+sample belongs to neither, unless it is a gap over which the battery is taken to have rested.
 """
 
 from __future__ import annotations
@@ -55,7 +56,12 @@ RAW_A, SAME_A, JUMPS = 10, 11, 12
 REST_S, FULL_S, TEMPERATURE_C, SAME_C, PENDING, CALM, LEFT_V, HEAT_W = range(13, 21)
 GONE_S = 21
 SIZE = 22
-"""Places in the gate's part of an estimator's memory, and how many there are."""
+"""Places in the gate's part of an estimator's memory, and how many there are.
+
+SEEN is 1 after a sample and 2 after a current that was believed. REST_S and FULL_S are NOT_NOW where the last
+sample was neither quiet nor full.
+"""
+NOT_NOW = -1.0
 
 
 class Gate(NamedTuple):
@@ -175,22 +181,28 @@ def judge(
         held = g[GONE_S] <= HELD_S and not stuck_current and not first
         now, doubt = g[LAST_A] if held else mean, spread
     else:
+        # It stands for all the time without a reading, but beyond a gap for no more than any other.
+        since = min(step + g[GONE_S], gate.gap_s)
         g[GONE_S] = 0.0
         now, doubt = current_A, 0.0
-        # A sample beyond a gap stands for no more time than any other.
-        _remember_current(gate, g, now, min(step, gate.gap_s))
+        if g[SEEN] < 2.0:
+            # Else the mean would come from zero, in ten minutes; the spread stays what it was before any.
+            g[SEEN], g[MEAN_A] = 2.0, now
+            g[SQUARE_A2] += now * now
+        _remember_current(gate, g, now, since)
     drive, drive_doubt = (now, doubt) if gate.looks_back else (g[LAST_A], g[LAST_DOUBT_A])
+    long = step > gate.gap_s and step > gate.long_gap_s
     if step > gate.gap_s:
         flags |= GAP
-        long = step > gate.long_gap_s
         drive = 0.0 if long else mean
         drive_doubt = spread * gate.long_gap_s / step if long else spread
     before = g[DOUBT_C]
     g[DOUBT_C] = before + drive_doubt * step if drive_doubt > 0.0 else 0.0
     added = g[DOUBT_C] * g[DOUBT_C] - before * before if drive_doubt > 0.0 else 0.0
-    flags |= _occasion(gate, g, now, voltage_V, step, bad_current, bad_voltage)
-    g[SEEN], g[LAST_A], g[LAST_DOUBT_A] = 1.0, now, doubt
-    calm = flags == 0 and g[SAME_V] + g[SAME_A] + g[JUMPS] + g[REST_S] + g[FULL_S] + g[DOUBT_C] == 0.0
+    flags |= _occasion(gate, g, now, voltage_V, step, long, bad_current, bad_voltage)
+    g[SEEN], g[LAST_A], g[LAST_DOUBT_A] = max(g[SEEN], 1.0), now, doubt
+    busy = g[REST_S] == NOT_NOW and g[FULL_S] == NOT_NOW
+    calm = flags == 0 and busy and g[SAME_V] + g[SAME_A] + g[JUMPS] + g[DOUBT_C] == 0.0
     g[CALM] = 1.0 if calm else 0.0
     return Screened(drive, now, doubt, added, not bad_voltage, g[TEMPERATURE_C], step, flags)
 
@@ -267,21 +279,25 @@ def _occasion(
     current_A: float,
     voltage_V: float,
     step_s: float,
+    rested: bool,
     bad_current: bool,
     bad_voltage: bool,
 ) -> int:
     """Notice rest and full charge, both only after they have lasted."""
     flags = 0
     if bad_current or abs(current_A) > gate.rest_A:
-        g[REST_S] = 0.0
+        g[REST_S] = NOT_NOW
     else:
-        g[REST_S] += step_s
+        # What flowed before this sample is that of the one before, unless it looks back.
+        counts = gate.looks_back or rested or g[REST_S] >= 0.0
+        g[REST_S] = max(g[REST_S], 0.0) + (step_s if counts else 0.0)
         if g[REST_S] >= gate.rest_after_s:
             flags |= REST
     if bad_current or bad_voltage or voltage_V < gate.full_V or not 0.0 <= current_A <= gate.full_A:
-        g[FULL_S] = 0.0
+        g[FULL_S] = NOT_NOW
     else:
-        g[FULL_S] += step_s
+        counts = gate.looks_back or g[FULL_S] >= 0.0
+        g[FULL_S] = max(g[FULL_S], 0.0) + (step_s if counts else 0.0)
         if g[FULL_S] >= gate.full_after_s:
             flags |= FULL
     return flags

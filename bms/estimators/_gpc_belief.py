@@ -64,6 +64,9 @@ class Settings(NamedTuple):
     limit_A: float  # no current is larger
     model_error_V2: float
     current_sd_A: float
+    still_A: float  # no more current than this turns no hysteresis
+    lately_V: float  # deviation of the first pair when a belief is given up
+    least_lost_V: float  # deviations of less than this are over
     correlation_s: float
     flat_slope_V: float
     reference: Array  # (5,) R, R1, tau1, R2, tau2 of the nominal cell at the reference

@@ -73,13 +73,10 @@ IntArray = NDArray[np.int64]
 
 
 OUTLIER_SD = 8.0
-STILL_SD = 3.0
-LATELY_V = 0.02
 RESIDUAL_S = 300.0
 STALE = 0.03
 MISMATCH_SD = 5.0
 LOST_SD, GIVE_UP_S = 50.0, 600.0
-LEAST_LOST_V = 1e-5
 INSIDE = 0.02
 MOST_VARIANCE = 1.0 / 12.0
 FAR_SOC = 0.03
@@ -237,7 +234,7 @@ def _start_anew(settings: Settings, room: Room) -> None:
     theta[:] = settings.start
     x[X1] = soc / theta[ALPHA] - theta[X10] + theta[BIAS] * x[CLOCK_S]
     x[DOUBT_C2] = MOST_VARIANCE / (theta[ALPHA] * theta[ALPHA])
-    x[LOST_V], x[LOST_H] = LATELY_V, 1.0
+    x[LOST_V], x[LOST_H] = settings.lately_V, 1.0
     x[SLOW_V], x[REJECTED], x[FAR_S] = 0.0, 0.0, 0.0
     x[DOUBTED_C], x[REFUSED_C], x[MISMATCH_S] = 0.0, 0.0, 0.0
     x[ALARM_S] = _watch.longest_alarm(x[PATIENCE_S])
@@ -328,7 +325,7 @@ def run(
     middle, half = settings.sigma_mid_per_s, settings.sigma_half_per_s
     parameters, newton_s, start_s = settings.parameters, settings.newton_every_s, settings.start_after_s
     gain, low, high = settings.gain, settings.low, settings.high
-    still_A = STILL_SD * settings.current_sd_A
+    still_A, least_lost_V = settings.still_A, settings.least_lost_V
     noise_V2, flat2 = settings.noise_V2, settings.flat_slope_V * settings.flat_slope_V
     n = node.size
     with_bias = parameters == THETA
@@ -388,7 +385,7 @@ def run(
             drive_doubt = math.sqrt(seen.charge_variance_C2) / dt
         x[DOUBT_A] = seen.doubt_A
         lost_V2 = 0.0
-        if drive_doubt > 0.0 or x[LOST_V] + x[LOST2_V] + hysteresis_V * x[LOST_H] > LEAST_LOST_V:
+        if drive_doubt > 0.0 or x[LOST_V] + x[LOST2_V] + hysteresis_V * x[LOST_H] > least_lost_V:
             _lose(x, drive_doubt, drive, reference[1], reference[2], r2, tau2, rate * alpha, dt)
             lost_V2 = x[LOST_V] ** 2 + x[LOST2_V] ** 2 + (hysteresis_V * x[LOST_H]) ** 2
         for j in range(n):

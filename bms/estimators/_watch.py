@@ -49,6 +49,7 @@ class Watch(NamedTuple):
     most_V2: float  # variance of the largest model error that is believed
     outlier: float  # square of the innovation in standard deviations beyond which it is refused
     active: bool  # whether errors that are seen raise the model error
+    lost_V2: float  # variance of the relaxation voltages when a belief is given up
     seen_V2: float  # a model error or an excess of noise of this variance is worth a flag
 
 

@@ -52,6 +52,27 @@ class Sensors(BaseModel):
     )
 
 
+QUIET_C_RATE = 0.01
+"""Noise of a current sensor of which nothing is said, at most, 1/h: it is chosen for its cell."""
+
+
+def quiet_sd_A(cell: Cell, sensors: Sensors) -> float:
+    """Noise of the current where the question is whether any flows.
+
+    The default would be a third of an hour's capacity for a cell of 30 mAh, and its load a rest.
+
+    Parameters
+    ----------
+    cell : Cell
+        Gives the capacity.
+    sensors : Sensors
+        A noise that is given counts as it is; the default up to 0.01 of the capacity in an hour.
+    """
+    if "current_sd_A" in sensors.model_fields_set:
+        return sensors.current_sd_A
+    return min(sensors.current_sd_A, QUIET_C_RATE * cell.capacity_Ah)
+
+
 def gate_for(cell: Cell, sensors: Sensors) -> Gate:
     """Set the limits.
 
@@ -81,14 +102,14 @@ def gate_for(cell: Cell, sensors: Sensors) -> Gate:
         stuck_C=0.03 * cell.capacity_C,
         doubt_A=0.2 * cell.capacity_Ah,
         start_A=0.5 * cell.capacity_Ah,
-        rest_A=sensors.rest_C_rate * cell.capacity_Ah + 3.0 * sensors.current_sd_A,
+        rest_A=sensors.rest_C_rate * cell.capacity_Ah + 3.0 * quiet_sd_A(cell, sensors),
         rest_after_s=sensors.rest_after_s,
         full_V=math.inf
         if cell.full_charge_voltage_V is None
         else cell.full_charge_voltage_V - 2.0 * sensors.voltage_sd_V,
         full_A=0.0
         if cell.full_charge_current_A is None
-        else cell.full_charge_current_A + 2.0 * sensors.current_sd_A,
+        else cell.full_charge_current_A + 2.0 * quiet_sd_A(cell, sensors),
         full_after_s=sensors.full_after_s,
         ambient_C=cell.reference_temperature_C if sensors.ambient_C is None else sensors.ambient_C,
         looks_back=sensors.holds == "until",

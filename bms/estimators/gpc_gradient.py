@@ -32,11 +32,12 @@ eigenbasis it falls apart into N relaxations, moved exactly over any step, and :
 A test holds this against eqs 73-85 written out.
 
 **Steps.** The gradient's gains are those of Table 8, scaled to the cell: a gain has the dimension of its
-parameter squared over volt squared second squared, so it is multiplied with the square of the ratio of
-the nominal values. A step goes at most to the minimum of the quadratic form along it, so no gain and no
-current makes it unstable. `GpcGaussNewton` steps to the minimum of the linearised problem instead, with
-the parameters' prior. Old samples were linearised at old estimates of the SOC; when a Gauss-Newton step
-moves the SOC, they are forgotten by :math:`\exp(-|\Delta SOC| / 3\,\%)`.
+parameter squared over volt squared second squared, so it is multiplied with the square of the ratio of the
+nominal values, and divided by the square of the cells in series, with which all volts grow. A step goes at
+most to the minimum of the quadratic form along it, so no gain and no current makes it unstable.
+`GpcGaussNewton` steps to the minimum of the linearised problem instead, with the parameters' prior. Old
+samples were linearised at old estimates of the SOC; when a Gauss-Newton step moves the SOC, they are
+forgotten by :math:`\exp(-|\Delta SOC| / 3\,\%)`.
 
 **Variance.** Least squares on the same M, with the prior :math:`P_0` and the intensity :math:`s` of the
 output error, has the covariance :math:`P = (D^T M D / s + P_0^{-1})^{-1}`, :math:`D = \partial c /
@@ -80,13 +81,16 @@ from bms.circuit import tabulate
 from bms.errors import BatteryError
 from bms.estimators import _gate, _gpc_belief, _gpc_form, _gpc_gradient, _watch
 from bms.estimators.base import LEADING, Kernel, KernelEstimator
-from bms.estimators.gate import Sensors, gate_for
+from bms.estimators.gate import Sensors, gate_for, quiet_sd_A
+from bms.estimators.joint import LOST_V
 from gpc.basis import Legendre
 
 Array = NDArray[np.float64]
 
 PARAMETERS = ("capacity_Ah", "resistance_ohm", "relaxation_resistance_ohm", "relaxation_capacitance_F")
 """Parameters that are always estimated."""
+LEAST_LOST_V = 1e-5
+"""What a doubtful current leaves in the voltage of a cell is over below this."""
 
 
 class Gains(BaseModel):
@@ -346,6 +350,9 @@ def _settings(
         limit_A=gate_for(cell, sensed).current_limit_A,
         model_error_V2=(cell.series * chosen.model_error_V) ** 2,
         current_sd_A=sensed.current_sd_A,
+        still_A=3.0 * quiet_sd_A(cell, sensed),
+        lately_V=cell.series * LOST_V,
+        least_lost_V=cell.series * LEAST_LOST_V,
         correlation_s=chosen.correlation_s,
         flat_slope_V=cell.series * chosen.flat_slope_V,
         reference=reference,
@@ -363,7 +370,10 @@ TABLE_7 = {"capacity_C": 7200.0, "resistance_ohm": 0.008, "capacitance_F": 2700.
 
 
 def _gains(chosen: GpcGradientOptions, cell: Cell) -> Array:
-    """Gains in the order of theta; Table 8 scaled by the squares of the ratios of nominal values."""
+    """Gains in the order of theta; Table 8 scaled by the squares of the ratios of nominal values.
+
+    They belong to the volts of one cell; those of a pack are more by the cells in series.
+    """
     own = chosen.gains if isinstance(chosen.gains, Gains) else Gains()
     gains = np.array([own.alpha, own.resistance, own.beta, own.xi, own.x10, own.bias])
     if not chosen.current_bias:
@@ -374,5 +384,5 @@ def _gains(chosen: GpcGradientOptions, cell: Cell) -> Array:
     more_C = cell.capacity_C / TABLE_7["capacity_C"]
     more_ohm = reference[0] / TABLE_7["resistance_ohm"]
     more_F = reference[2] / reference[1] / TABLE_7["capacitance_F"]
-    ratios = np.array([1.0 / more_C, more_ohm, 1.0 / more_F, 1.0, more_C, more_C])
+    ratios = np.array([1.0 / more_C, more_ohm, 1.0 / more_F, 1.0, more_C, more_C]) / cell.series
     return np.asarray(gains * np.square(ratios))

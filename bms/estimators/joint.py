@@ -69,7 +69,7 @@ from bms.estimators import _gate, _joint, _report, _watch
 from bms.estimators._joint import Noise, Places, Settings
 from bms.estimators._watch import Watch
 from bms.estimators.base import KernelEstimator
-from bms.estimators.gate import Sensors, gate_for
+from bms.estimators.gate import Sensors, gate_for, quiet_sd_A
 
 Array = NDArray[np.float64]
 
@@ -80,6 +80,8 @@ LARGEST_ERROR_V = 0.05
 """A model error up to this (or three times the given one) is believed before the belief is given up."""
 ERROR_WITH_V, ERROR_WITHOUT_V = 0.005, 0.02
 """Model error by default, for a cell with and without hysteresis: measured LFP cells turn by 14 to 25 mV."""
+LOST_V = 0.02
+"""Standard deviation of the relaxation voltages of a cell when a belief is given up."""
 BEND_WITH_S, BEND_WITHOUT_S = 600.0, 60.0
 """How long the error of a bent curve lasts; hysteresis hides where on the curve a wide belief stands."""
 MOST_CAPACITY, MOST_OHM = math.log(2.0), math.log(5.0)
@@ -160,7 +162,7 @@ def settings_of(cell: Cell, options: JointOptions, sensors: Sensors, places: Pla
         rest_V=math.hypot(cell.series * options.rest_doubt_V, hysteresis_V),
         flat_V=cell.series * options.flat_slope_V,
         bend_s=BEND_WITH_S if cell.hysteresis else BEND_WITHOUT_S,
-        still_A=3.0 * sensors.current_sd_A,
+        still_A=3.0 * quiet_sd_A(cell, sensors),
         resets_at_rest=options.resets_at_rest,
         resets_at_full=options.resets_at_full,
     )
@@ -169,6 +171,7 @@ def settings_of(cell: Cell, options: JointOptions, sensors: Sensors, places: Pla
         most_V2=max(cell.series * LARGEST_ERROR_V, 3.0 * model_error_of(cell, options)) ** 2,
         outlier=options.outlier_sigmas**2,
         active=options.watches,
+        lost_V2=(cell.series * LOST_V) ** 2,
         seen_V2=(0.5 * sensors.voltage_sd_V) ** 2,
     )
     plain = places.size == 2 and not tabulate(cell).varies

@@ -67,11 +67,13 @@ def run_members(
     Raises
     ------
     BatteryError
-        When there is no estimator, they differ in kind, or shapes do not fit together.
+        When there is no estimator, they differ in kind, one is given twice, or shapes do not fit together.
     """
     members = len(estimators)
     if members == 0 or len({type(estimator) for estimator in estimators}) != 1:
         raise BatteryError(f"give one estimator or more, all of one kind; got {members}")
+    if len({id(estimator) for estimator in estimators}) != members:
+        raise BatteryError("an estimator is given twice; give each member its own: estimator.copy()")
     currents, voltages = _logs("current_A", current_A, members), _logs("voltage_V", voltage_V, members)
     traces: list[Trace | None] = [None] * members
 

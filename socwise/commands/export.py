@@ -55,7 +55,13 @@ def export_bms(
         Literal["from", "until"],
         typer.Option(help="A current flows from its sample to the next, or until it since the last."),
     ] = "until",
-    step: Annotated[float, typer.Option(metavar="S", help="Usual time between two samples.")] = 1.0,
+    step: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="Usual time between two samples; a step beyond five such, 60 s at least, is a gap.",
+        ),
+    ] = 1.0,
     series: Annotated[int, typer.Option(metavar="N", min=1, max=100_000, help="Cells in series.")] = 1,
     parallel: Annotated[int, typer.Option(metavar="N", min=1, max=100_000, help="Cells in parallel.")] = 1,
     current_sd: Annotated[
