@@ -27,6 +27,9 @@ from gpc.nodes import basis_matrix, check_germs
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-20
+"""Part of a mean square below which a variance is rounding: a standard deviation of 1e-10 of the size."""
+
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
@@ -89,6 +92,11 @@ class Expansion:
         """Covariance of all outputs with all, shape ``(*outputs, *outputs)``."""
         return np.tensordot(self.coefficients[1:], self.coefficients[1:], axes=(0, 0))
 
+    @property
+    def varies(self) -> NDArray[np.bool_]:
+        """Whether an output has a variance beyond the rounding of its own size, shape ``(*outputs)``."""
+        return np.asarray(is_variance(self.variance, self.mean**2 + self.variance))
+
     def sobol(self, *germs: int) -> Array:
         """Give the share of the variance that belongs to exactly these germs together.
 
@@ -100,7 +108,7 @@ class Expansion:
         Returns
         -------
         ndarray, shape ``(*outputs)``
-            Between 0 and 1; 0 for an output without variance.
+            Between 0 and 1; 0 for an output without variance, or with one that is rounding (`varies`).
 
         Raises
         ------
@@ -129,8 +137,7 @@ class Expansion:
     def _share(self, terms: NDArray[np.bool_]) -> Array:
         """Give the part of the variance in these terms."""
         part = np.sum(self.coefficients[terms] ** 2, axis=0)
-        variance = self.variance
-        return np.asarray(np.divide(part, variance, out=np.zeros_like(part), where=variance > 0.0))
+        return np.asarray(np.divide(part, self.variance, out=np.zeros_like(part), where=self.varies))
 
     def sample(self, generator: np.random.Generator, size: int) -> Array:
         """Draw ``size`` values of the outputs together, shape ``(size, *outputs)``."""
@@ -166,7 +173,7 @@ class Expansion:
             raise ChaosError(
                 f"a density is that of one output, got outputs of shape {self.mean.shape}; pick one"
             )
-        if not self.variance > 0.0:
+        if not self.varies:
             raise ChaosError(f"an output without variance has no density; it is {float(self.mean):g}")
         points = np.asarray(x, dtype=np.float64)
         if len(self.families) == 1:
@@ -176,6 +183,11 @@ class Expansion:
         if generator is None:
             raise ChaosError("a density in two germs or more is that of a sample: give a numpy Generator")
         return density_of_sample(self.sample(generator, draws), points)
+
+
+def is_variance(variance: ArrayLike, mean_square: ArrayLike) -> NDArray[np.bool_]:
+    """Tell variances from the rounding of outputs of a mean square."""
+    return np.asarray(np.asarray(variance) > ROUNDING * np.asarray(mean_square), dtype=np.bool_)
 
 
 def sample_germs(families: Sequence[Family], generator: np.random.Generator, size: int) -> Array:

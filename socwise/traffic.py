@@ -21,12 +21,17 @@ from drivecycles.traffic.scenario import Scenario
 from drivecycles.traffic.scenario_parts import PER_KM, UNITS
 from drivecycles.traffic.uncertainty import Spread, propagate
 from gpc.belief import normalised_square
+from gpc.consistency import Consistency, consistency
 
 Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 FIRST_GUESS = (0.8, 1.2)
 """What parameters are guessed at, in turn, as a share of the scenario's, where the file names no guess."""
+CORRELATED = (
+    "no Sobol indices: the uncertain parameters are correlated, and what they share belongs to none alone"
+)
+"""Why a spread has none."""
 REFERENCE_RUNS = 16_384
 CURVE_RUNS = {
     "mc": (10, 30, 100, 300, 1000),
@@ -105,6 +110,7 @@ def spread_json(scenario: Scenario, spreads: Sequence[Spread], seed: int) -> Jso
         "scenario": scenario.name,
         "seed": seed,
         "parameters": list(spreads[0].names),
+        "notes": [CORRELATED] if scenario.build_uncertain().correlated else [],
         "results": [
             {
                 "method": one.method,
@@ -240,12 +246,22 @@ def first_guess(scenario: Scenario) -> Diagram:
             allowed = ", ".join(key for key, (field, _) in UNITS.items() if field in known)
             raise TrafficError(f"detectors.guess names {name!r}; known are {allowed}")
     if given:
-        return make_diagram(
-            diagram.kind, **(known | {UNITS[n][0]: UNITS[n][1] * v for n, v in given.items()})
-        )
+        values = known | {UNITS[n][0]: UNITS[n][1] * v for n, v in given.items()}
+        return _guessed(diagram.kind, values, "detectors.guess")
     unknown = _unknown(scenario, diagram)
     off = {name: known[name] * FIRST_GUESS[at % 2] for at, name in enumerate(unknown)}
-    return make_diagram(diagram.kind, **(known | off))
+    return _guessed(diagram.kind, known | off, "the first guess, 20 % off the scenario's values")
+
+
+def _guessed(kind: str, values: Mapping[str, float], what: str) -> Diagram:
+    try:
+        return make_diagram(kind, **values)
+    except TrafficError as error:
+        keys = {field: (key, unit) for key, (field, unit) in UNITS.items()}
+        named = ", ".join(f"{keys[f][0]} = {value / keys[f][1]:g}" for f, value in values.items())
+        raise TrafficError(
+            f"{what} ({named}) makes no diagram: {error}; give detectors.guess other values"
+        ) from None
 
 
 def _unknown(scenario: Scenario, diagram: Diagram) -> tuple[str, ...]:
@@ -297,8 +313,7 @@ def estimate_scenario(
 
 def estimate_json(scenario: Scenario, runs: Sequence[TrafficEstimateRun], source: str | None) -> Json:
     """Summarise estimates that differ in their seed alone; what is not known is None."""
-    from gpc.consistency import consistency
-
+    innovations = _innovations(runs)
     squares = [run.nees for run in runs]
     judged = None
     if all(square is not None for square in squares):
@@ -308,8 +323,28 @@ def estimate_json(scenario: Scenario, runs: Sequence[TrafficEstimateRun], source
         "scenario": scenario.name,
         "source": source,
         "estimates": [_estimate_json(run) for run in runs],
+        "nis": {**vars(innovations), "verdict": innovations.verdict},
+        "notes": _doubts(innovations),
         "nees": None if judged is None else {**vars(judged), "verdict": judged.verdict},
     }
+
+
+def _innovations(runs: Sequence[TrafficEstimateRun]) -> Consistency:
+    """Judge all innovations of all runs together: the sum of the squares over the number of readings."""
+    squares = sum(float(np.nansum(run.estimate.nis)) for run in runs)
+    return consistency([squares], sum(int(run.estimate.read.sum()) for run in runs))
+
+
+def _doubts(innovations: Consistency) -> list[str]:
+    # A filter is told to doubt its model, so that innovations smaller than claimed are no surprise.
+    if innovations.verdict != "over-confident":
+        return []
+    return [
+        f"NIS {innovations.mean:.3g}, an honest filter's lies in {innovations.low:.2f} to"
+        f" {innovations.high:.2f}: the readings are farther from the forecasts than the filter claims, and so"
+        " may the truth be from the estimate; start from another detectors.guess, raise"
+        " detectors.walk_per_km, or check demand, bottlenecks, diagram and detectors.noise_kmh"
+    ]
 
 
 def _estimate_json(run: TrafficEstimateRun) -> Json:

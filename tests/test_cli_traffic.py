@@ -92,6 +92,79 @@ def test_estimate_from_a_synthetic_log_and_from_a_file(capsys, folder):
     assert second["parameters"]["jam_per_m"]["truth"] is None and second["nees"] is None
 
 
+CORRELATED = """
+[[correlation]]
+parameters = ["free_flow_kmh", "jam_per_km"]
+value = 0.5
+"""
+
+
+def test_correlated_parameters_have_no_index_and_are_told_why(capsys, folder):
+    (folder / "both.toml").write_text(SMALL + CORRELATED, encoding="utf-8")
+    shown = run(capsys, "traffic", "uncertainty", "both.toml", "--out", "r")
+    assert (shown.code, shown.err) == (0, "")
+    said = " ".join(shown.out.split())
+    assert "note: no Sobol indices" in said and "S free-flow" not in said and "S: total" not in said
+    result = json.loads((folder / "r" / "result.json").read_text(encoding="utf-8"))
+    assert all(place["sobol"] is None for place in result["results"][0]["locations"])
+    assert len(result["notes"]) == 1 and "are correlated" in result["notes"][0]
+    shown = run(capsys, "traffic", "uncertainty", "small.toml", "--out", "s", "--json")
+    assert json.loads(shown.out)["notes"] == []
+
+
+JAMMED = """
+name = "jammed"
+[road]
+length_km = 6.0
+cells = 40
+[diagram]
+kind = "triangular"
+free_flow_kmh = 90.0
+critical_density_per_km = 40.0
+jam_per_km = 250.0
+[demand]
+time_s = [0.0, 300.0]
+flow_vehph = [2000.0, 2600.0]
+[[bottleneck]]
+position_km = 4.0
+capacity_vehph = 1800.0
+start_s = 120.0
+end_s = 600.0
+[run]
+duration_s = 1500.0
+initial_per_km = 20.0
+[detectors]
+position_km = [0.5, 2.0, 3.5, 5.5]
+noise_kmh = 2.0
+guess = {free_flow_kmh = 72.0, jam_per_km = JAM}
+"""
+
+
+@pytest.mark.parametrize(("jam", "honest"), [(300.0, False), (220.0, True)])
+def test_an_over_confident_estimate_says_so_from_its_readings_alone(capsys, folder, jam, honest):
+    """From above the jam density is lost; the readings show it where no truth is known."""
+    (folder / "jammed.toml").write_text(JAMMED.replace("JAM", str(jam)), encoding="utf-8")
+    made = run(capsys, "traffic", "estimate", "jammed.toml", "--out", "r", "--json")
+    truth = json.loads(made.out)["estimates"][0]["parameters"]["jam_per_m"]
+    assert (abs(truth["error"]) < 0.05) == honest
+    log = ("--data", folder / "r" / "readings.csv", "--out", "s")
+    shown = run(capsys, "traffic", "estimate", "jammed.toml", *log)
+    assert shown.code == 0
+    assert ("note: NIS" in shown.out and "detectors.guess" in shown.out) != honest
+    result = json.loads((folder / "s" / "result.json").read_text(encoding="utf-8"))
+    assert (result["nis"]["verdict"] == "over-confident") != honest
+    assert (result["notes"] == []) == honest
+
+
+def test_a_first_guess_that_cannot_be_is_told_with_the_keys_of_the_file(capsys, folder):
+    text = changed('kind = "greenshields"', 'kind = "greenberg"\noptimum_kmh = 70.0')
+    (folder / "bad.toml").write_text(text.replace("[detectors]", "[detectors]\nguess = {optimum_kmh = 95.0}"))
+    shown = run(capsys, "traffic", "estimate", "bad.toml", "--out", "r")
+    assert shown.code == 2
+    assert "detectors.guess (free_flow_kmh = 90," in shown.err and "optimum_kmh = 95)" in shown.err
+    assert "give detectors.guess other values" in shown.err
+
+
 def test_cycles_are_files_that_every_command_drives(capsys, folder):
     shown = run(capsys, "traffic", "cycles", "small.toml", "--seed", 2, "--out", "r", "--json")
     assert (shown.code, shown.err) == (0, "")

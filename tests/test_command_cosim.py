@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -90,6 +91,14 @@ def test_inspect_writes_a_mapping_that_probe_takes(capsys, folder):
     mended = (folder / "first.toml").read_text("utf-8")
     assert re.search(rf"^resistance_ohm = {measured['resistance_ohm']:.6g} ", mended, re.MULTILINE)
     assert "# guess" in mended
+
+
+def test_the_next_command_can_be_copied_whatever_the_file_is_called(capsys, folder):
+    (folder / "plant.fmu").rename(folder / "my cell's.fmu")
+    done = run(capsys, "cosim", "inspect", "my cell's.fmu", "--out", "to be checked.toml")
+    last = done.out.strip().splitlines()[-1]
+    words = ["socwise", "cosim", "probe", "my cell's.fmu", "--mapping", "to be checked.toml"]
+    assert shlex.split(last) == words
 
 
 def test_inspect_in_json(capsys, folder):

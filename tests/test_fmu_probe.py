@@ -208,6 +208,41 @@ def test_a_current_that_is_not_what_was_asked_for(tmp_path):
     quarter = record(USUAL_V, currents=[0, 0, 0.25, 0.25, 0, 0, -0.25, -0.25])
     texts = {one.about: one.text for one in unit_findings(quarter, mapping, None)}
     assert "parallel in [scale]" in texts["current"]
+    for role in ("current", "power"):
+        named = {one.about: one.text for one in unit_findings(quarter, mapping_of(tmp_path, role=role), None)}
+        assert named["current"].endswith("check unit in [drive] and [current]")
+
+
+LOW = [0.005, 0.005, 0.0051, 0.0052, 0.0052, 0.0052, 0.0051, 0.005]
+SLOW = [0.005 + 0.01 * (soc - 0.005) for soc in LOW]
+READ, START = 'set unit = "1" in [soc]', 'set unit = "%" in [initial_soc]'
+
+
+@pytest.mark.parametrize(
+    ("socs", "capacity_Ah", "units", "said", "unsaid"),
+    [
+        (LOW, 2.0 / 2e-4 / 3600.0, {}, START, READ),
+        (SLOW, 2.0 / 2e-4 / 3600.0, {}, READ, START),
+        (LOW, None, {}, f"{READ} if the FMU's SOC is a fraction, or {START}", "check unit"),
+        (SLOW, 40.0, {}, f"or {START} if it takes its start", "check unit"),
+        (LOW, None, {"soc": "1"}, START, READ),
+        (LOW, None, {"soc": "%", "initial_soc": "%"}, READ, START),
+    ],
+)
+def test_a_start_that_is_a_hundredth_has_two_causes(socs, capacity_Ah, units, said, unsaid, tmp_path):
+    """The capacity tells them apart: a SOC in the wrong unit moves a hundredth of what it should."""
+    pack = None if capacity_Ah is None else {"capacity_Ah": capacity_Ah}
+    mapping = mapping_of(tmp_path, pack=pack, units=units)
+    found = {one.about: one.text for one in unit_findings(record(USUAL_V, socs=socs), mapping, None)}
+    assert said in found["initial_soc"] and unsaid not in found["initial_soc"]
+
+
+def test_a_start_that_is_a_hundred_times_what_was_asked_has_two_causes(tmp_path):
+    high = record(USUAL_V, socs=[50.0] * 8)
+    both = unit_findings(high, mapping_of(tmp_path), None)[-1].text
+    assert 'set unit = "%" in [soc]' in both and 'unit = "1" in [initial_soc]' in both
+    one = unit_findings(high, mapping_of(tmp_path, units={"initial_soc": "1"}), None)[-1].text
+    assert 'set unit = "%" in [soc]' in one and "[initial_soc]" not in one
 
 
 def test_a_full_battery_still_tells_its_capacity():

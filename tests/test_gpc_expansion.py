@@ -99,6 +99,21 @@ def test_shares_add_up_to_one_per_output():
     assert chaos.total.shape == (2, 2)
 
 
+def test_rounding_is_no_variance():
+    """Projecting a constant leaves coefficients of 1e-15 or so, whose shares would be noise."""
+    plan = quadrature(MIXED, total_order(3, 4))
+    values = np.full((plan.nodes.shape[0], 2), 90.0 / 3.6)
+    values[:, 1] += 1e-6 * plan.nodes[:, 0]
+    chaos = Expansion.of(plan, values)
+    assert 0.0 < chaos.variance[0] < 1e-24
+    np.testing.assert_array_equal(chaos.varies, [False, True])
+    np.testing.assert_array_equal(chaos.total[:, 0], 0.0)
+    np.testing.assert_allclose(chaos.total[:, 1], [1.0, 0.0, 0.0], atol=1e-9)
+    flat = Expansion(chaos.families, chaos.indices, chaos.coefficients[:, 0])
+    with pytest.raises(ChaosError, match="without variance"):
+        flat.density(25.0, np.random.default_rng(0))
+
+
 def test_order_zero_is_the_deterministic_model():
     """One term, one node: the model at the mean of the germs."""
     chaos = expand(MIXED, 0, lambda x, y, z: np.exp(x) + y + z)

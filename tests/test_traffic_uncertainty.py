@@ -147,6 +147,38 @@ def test_correlated_parameters_have_the_correlation_of_their_scores():
         assert stats.kstest(column, oracle(shape).cdf).pvalue > 1e-3
 
 
+@pytest.mark.parametrize("method", ["gpc", "sobol"])
+def test_correlated_parameters_have_no_sobol_index(method):
+    """With independent germs an index would depend on which parameter is named first."""
+    shapes = known(6.0)
+    swapped = dict(reversed(shapes.items()))
+    ask = {"method": method, "runs": 128, **RUN}
+    one, other = (
+        propagate(ROAD, DIAGRAM, each, correlation=[[1.0, 0.8], [0.8, 1.0]], **ask)
+        for each in (shapes, swapped)
+    )
+    for found in (one, other):
+        assert found.first_order is None and found.total is None
+    np.testing.assert_allclose(one.sd, other.sd, rtol=0.1)
+    alone = propagate(ROAD, DIAGRAM, shapes, correlation=np.eye(2), **ask)
+    np.testing.assert_allclose(alone.total, propagate(ROAD, DIAGRAM, shapes, **ask).total, atol=0.01)
+
+
+@pytest.mark.parametrize("method", ["gpc", "sobol"])
+def test_a_speed_that_is_certain_has_no_shares(method):
+    """The density is uncertain, free triangular traffic drives at its one free-flow speed all the same."""
+    shapes = {
+        "critical_density_per_m": TruncatedNormal(0.04, 0.002),
+        "jam_per_m": TruncatedNormal(0.25, 0.01),
+    }
+    found = propagate(
+        ROAD, Triangular(25.0, 0.04, 0.25), shapes, method=method, runs=128, demand=0.3, duration_s=300.0
+    )
+    np.testing.assert_array_equal(found.first_order, 0.0)
+    np.testing.assert_array_equal(found.total, 0.0)
+    np.testing.assert_array_equal(found.explained, 1.0)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_tells_the_same_story(method):
     exact = propagate(ROAD, DIAGRAM, known(6.0), method="gpc", runs=81, order=8, **RUN)

@@ -20,6 +20,8 @@ class Diagram(ABC):
 
     kind: ClassVar[str]
     code: ClassVar[int]
+    ordered: ClassVar[tuple[str, str] | None] = None
+    """Two parameters the first of which must lie below the second, if there are such."""
 
     def _check_positive(self) -> None:
         for name, value in self.parameters().items():

@@ -170,6 +170,7 @@ class Greenberg(Diagram):
 
     kind: ClassVar[str] = "greenberg"
     code: ClassVar[int] = 2
+    ordered: ClassVar[tuple[str, str] | None] = ("optimum_mps", "free_flow_mps")
     free_flow_mps: float
     jam_per_m: float
     optimum_mps: float
@@ -241,6 +242,7 @@ class Triangular(Diagram):
 
     kind: ClassVar[str] = "triangular"
     code: ClassVar[int] = 3
+    ordered: ClassVar[tuple[str, str] | None] = ("critical_density_per_m", "jam_per_m")
     free_flow_mps: float
     critical_density_per_m: float
     jam_per_m: float

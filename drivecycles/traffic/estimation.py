@@ -13,6 +13,10 @@ of the densities for a model that is not exact. The demand at the entrance, bott
 are known. What a reading teaches is shared by all cells through the covariance, so the state between
 detectors comes with a standard deviation of its own.
 
+Ranges of two parameters one of which must lie below the other, such as critical and jam density, may overlap.
+A member in which they would cross is taken with the lower one drawn back, to half of the way from the guess's
+ratio of both to 1.
+
 The parameters are identifiable as far as traffic visits them: an empty road shows the free-flow speed alone,
 and only where it is dense does the speed tell the jam density.
 """
@@ -182,6 +186,7 @@ class _Problem:
         self.kind, self.known = type(guess), guess.parameters()
         self.cells, self.walk, self.spread = readings.detectors.cells(road), walk_per_m, spread
         self.centre = np.array([self.known[name] for name in names])
+        self.most_ratio = self._most_ratio(guess)
         fastest = max(d.fastest_wave_mps for d in self._corners())
         self.period_s = self._period()
         self.advance = Advance.fit(road, demand, self.period_s, fastest)
@@ -198,7 +203,7 @@ class _Problem:
         return period_s
 
     def _corners(self) -> list[Diagram]:
-        """Give the diagrams at the ends of the ranges; that all of them exist is checked by making them."""
+        """Give the diagrams at the ends of the ranges."""
         signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * len(self.names), indexing="ij"), axis=-1)
         return self.diagrams(self.centre * (1.0 + self.spread * signs.reshape(-1, len(self.names))))
 
@@ -216,10 +221,29 @@ class _Problem:
         half = np.concatenate([self.spread * self.centre, np.zeros(n)])
         return gpc, gpc.start(affine_coefficients(families, indices, middle, half, [*range(p), *([0] * n)]))
 
+    def _most_ratio(self, guess: Diagram) -> float:
+        """Give the largest ratio of the ordered parameters: half of the way from the guess's to 1."""
+        if guess.ordered is None:
+            return 1.0
+        low, high = (self.known[name] for name in guess.ordered)
+        return 0.5 * (1.0 + low / high)
+
     def diagrams(self, parameters: Array) -> list[Diagram]:
-        """Make the diagram of each row of parameters."""
-        rows = parameters.tolist()
-        return [self.kind(**{**self.known, **dict(zip(self.names, row, strict=True))}) for row in rows]
+        """Make the diagram of each row of parameters, the nearest one where there is none."""
+        rows = [dict(zip(self.names, row, strict=True)) for row in parameters.tolist()]
+        return [self.kind(**self._admissible({**self.known, **row})) for row in rows]
+
+    def _admissible(self, values: dict[str, float]) -> dict[str, float]:
+        """Draw back one of two ordered parameters, such as critical and jam density, where they cross."""
+        if self.kind.ordered is not None:
+            low, high = self.kind.ordered
+            # The backward wave of a triangular diagram grows without a bound as both approach each other.
+            if values[low] > self.most_ratio * values[high]:
+                if low in self.names:
+                    values[low] = self.most_ratio * values[high]
+                else:
+                    values[high] = values[low] / self.most_ratio
+        return values
 
     def forecast(self, gpc: GpcEkf, belief: ChaosBelief, start: int, steps: int) -> ChaosBelief:
         """Run the scheme for all rows."""

@@ -17,6 +17,13 @@ which its own follows with a jerk of at most J. No deceleration exceeds :math:`\
 jerk just reaches rest, so the vehicle stops smoothly and never moves backwards. The field is linear between
 its cells and time steps; the integration takes 0.05 s.
 
+At a face that a bottleneck of no capacity closes the vehicle waits, one metre before it: while the face is
+closed, :math:`v^*` is also at most the speed from which the stop is met, as at the end of the road, it brakes
+with what the rest of the way takes where that is more than :math:`b`, and the field is not interpolated
+across the face, whose sides have nothing to do with each other. A face that closes when the vehicle can no
+longer stop is passed; whether it can is tried by driving up to it. A bottleneck that lets something through
+sets no rule of its own: its queue does, once it has formed.
+
 LWR has no vehicle that accelerates: its speeds jump at a shock and the first car of a queue leaves it at free
 speed. The limits are what makes a cycle out of it that a powertrain can be asked to follow.
 """
@@ -32,6 +39,7 @@ from drivecycles.cycle import DriveCycle
 from drivecycles.errors import CycleError
 
 if TYPE_CHECKING:
+    from drivecycles.traffic._probe import Closures
     from drivecycles.traffic.field import TrafficField
 
 SUBSTEP_S = 0.05
@@ -82,7 +90,7 @@ def drive_through(field: TrafficField, probe: Probe | None = None, name: str = "
         When the simulated time ends before the vehicle arrives, or it stands still for good.
     """
     from drivecycles.traffic import _kernels as _kernels
-    from drivecycles.traffic._probe import ARRIVED, BEYOND, drive
+    from drivecycles.traffic._probe import ARRIVED, BEYOND, Limits, drive
 
     probe = probe or Probe()
     cell_m = float(field.position_m[1] - field.position_m[0])
@@ -107,7 +115,7 @@ def drive_through(field: TrafficField, probe: Probe | None = None, name: str = "
         probe.depart_s,
         start,
         probe.to_rest,
-        (
+        Limits(
             probe.acceleration_mps2,
             probe.deceleration_mps2,
             min(probe.comfort_mps2, probe.deceleration_mps2),
@@ -115,6 +123,7 @@ def drive_through(field: TrafficField, probe: Probe | None = None, name: str = "
             probe.specific_power_Wpkg,
             probe.reaction_s,
         ),
+        _closures(field, probe.to_rest),
         probe.sample_s / substeps,
         substeps,
         track,
@@ -128,6 +137,25 @@ def drive_through(field: TrafficField, probe: Probe | None = None, name: str = "
             " simulate longer (duration_s), let it depart earlier, or ease the traffic"
         )
     return DriveCycle(name, probe.sample_s * np.arange(count), track[:count, 1])
+
+
+def _closures(field: TrafficField, to_rest: bool) -> Closures:
+    """Find the faces that the road's bottlenecks close, on the field's clock."""
+    from drivecycles.traffic._probe import Closures
+
+    road = field.road
+    # The vehicle starts behind the entrance, and at the end it stops anyway if it comes to rest there.
+    faces = range(1, road.cells if to_rest else road.cells + 1)
+    rows = [
+        (road.face_at(one.position_m), one.start_s - field.time_s[0], one.end_s - field.time_s[0])
+        for one in road.bottlenecks
+        if one.capacity_per_s == 0.0
+    ]
+    rows = [row for row in rows if row[0] in faces]
+    cell = np.array([row[0] for row in rows], dtype=np.int64)
+    start, end = (np.array([row[at] for row in rows], dtype=np.float64) for at in (1, 2))
+    place_m = np.asarray(road.cell_m * cell, dtype=np.float64)
+    return Closures(cell, place_m, start, end)
 
 
 def _entry_speed(field: TrafficField, depart_s: float) -> float:

@@ -2,8 +2,8 @@ r"""Mean, standard deviation, quantiles, Sobol indices and error of what members
 
 A sample's Sobol indices are those of a chaos fitted to it by least squares, of the highest order up to 4 that
 leaves three members per term; ``explained`` says which part of the variance that chaos holds. Correlated
-parameters have indices of their independent germs: the first germ carries what the first parameter shares
-with all others, and so on.
+parameters have no index: the chaos has independent germs, the first of which carries what the first parameter
+shares with all others, so that a share of the variance would depend on the order of the parameters.
 
 A chaos has no standard error. What limits its mean are the degrees that it lacks; its ``error`` is what the
 next one would be if degrees fell half as fast from the last, :math:`e_p`, on as they did down to it,
@@ -30,6 +30,7 @@ from gpc import (
     count_terms,
     total_order,
 )
+from gpc.expansion import is_variance
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def of_chaos(plan: Collocation, outcome: Array, levels: Sequence[float], germs: 
         quantiles,
         expansion.first_order,
         expansion.total,
-        _held(left, variance),
+        _held(left, variance, np.tensordot(weight, values**2, axes=1)),
         expansion,
     )
 
@@ -120,7 +121,7 @@ def _fitted_indices(
     solution = np.asarray(np.linalg.lstsq(matrix, flat, rcond=None)[0], dtype=np.float64)
     fitted = Expansion(families, indices, solution.reshape(-1, *outcome.shape[:-1]))
     left = np.mean((flat - matrix @ solution) ** 2, axis=0).reshape(outcome.shape[:-1])
-    return fitted.first_order, fitted.total, _held(left, outcome.var(axis=-1))
+    return fitted.first_order, fitted.total, _held(left, outcome.var(axis=-1), np.mean(outcome**2, axis=-1))
 
 
 def _next_degree(expansion: Expansion, left: Array) -> Array:
@@ -135,7 +136,8 @@ def _next_degree(expansion: Expansion, left: Array) -> Array:
     return np.asarray(last * np.sqrt(ratio), dtype=np.float64)
 
 
-def _held(left: Array, variance: Array) -> Array:
-    """Give the part of a variance that is not left over; 1 where there is none."""
-    share: Array = 1.0 - np.divide(left, variance, out=np.zeros_like(left), where=variance > 0.0)
+def _held(left: Array, variance: Array, square: Array) -> Array:
+    """Give the part of a variance that is not left over; 1 where there is none beside the mean square."""
+    varies = is_variance(variance, square)
+    share: Array = 1.0 - np.divide(left, variance, out=np.zeros_like(left), where=varies)
     return share

@@ -71,6 +71,11 @@ class UncertainDiagram:
             ) from None
 
     @property
+    def correlated(self) -> bool:
+        """Whether a parameter depends on another one."""
+        return self.factor is not None and bool(np.any(np.tril(self.factor, -1)))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the uncertain parameters."""
         return tuple(self.distributions)

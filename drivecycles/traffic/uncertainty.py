@@ -54,7 +54,7 @@ class Spread:
     quantiles : ndarray, shape (q, r, c)
         Quantiles.
     first_order, total : ndarray or None, shape (d, r, c)
-        Sobol indices; None where there are too few members.
+        Sobol indices; None where there are too few members, or parameters are correlated.
     explained : ndarray or None, shape (r, c)
         Part of the members' variance that the fitted chaos holds.
     congested : int
@@ -165,6 +165,8 @@ def propagate(
         said = of_chaos(plan, outcome, levels, uncertain.germs(even_points(len(uncertain.names), generator)))
     else:
         said = of_sample(uncertain.families, plan, germs, outcome, levels)
+    # The germs of correlated parameters are not the parameters, and depend on their order.
+    indices = (None, None) if uncertain.correlated else (said.first_order, said.total)
     peak = float(Demand.of(demand).flow_per_s.max())
     return Spread(
         method=method,
@@ -181,8 +183,8 @@ def propagate(
         sd=said.sd,
         error=said.error,
         quantiles=said.quantiles,
-        first_order=said.first_order,
-        total=said.total,
+        first_order=indices[0],
+        total=indices[1],
         explained=said.explained,
         expansion=said.expansion,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -140,7 +141,7 @@ def _next(plant: Path, found: Guess, out: Path | None) -> str:
     todo = f'put the names of {" and ".join(missing)} in the place of "?", ' if missing else ""
     return (
         f"The first mapping is {out}: {todo}check what is marked as a guess, then\n"
-        f"  socwise cosim probe {plant} --mapping {out}"
+        f"  socwise cosim probe {shlex.quote(str(plant))} --mapping {shlex.quote(str(out))}"
     )
 
 

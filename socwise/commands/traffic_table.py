@@ -42,7 +42,7 @@ def spread_tables(result: Mapping[str, Any]) -> list[RenderableType]:
     """Show the speed at the end of each location, a table for each method."""
     shown: list[RenderableType] = []
     for one in result["results"]:
-        names = result["parameters"]
+        names = () if result["notes"] else result["parameters"]
         heads = (f"S {SHOWN[name][0].rpartition(' [')[0]}\n%" for name in names)
         quantiles = list(one["locations"][0]["quantiles_mps"])
         table = new_table(
@@ -68,7 +68,9 @@ def spread_tables(result: Mapping[str, Any]) -> list[RenderableType]:
     for name, curve in result.get("errors", {}).items():
         pairs = zip(curve["runs"], curve["rms_error_kmh"], strict=True)
         shown.append(f"{name}: " + ", ".join(f"{off:.3g} km/h at {runs:.0f}" for runs, off in pairs))
-    return [*shown, "S: total Sobol index at the end; error: of the mean", ""]
+    shown += [f"note: {note}" for note in result["notes"]]
+    error = "error: of the mean"
+    return [*shown, error if result["notes"] else f"S: total Sobol index at the end; {error}", ""]
 
 
 def estimate_tables(result: Mapping[str, Any]) -> list[RenderableType]:
@@ -110,6 +112,7 @@ def estimate_tables(result: Mapping[str, Any]) -> list[RenderableType]:
             f"Speed on the whole road, second half: {_KMH * off:.2f} km/h rms off,"
             f" {_KMH * first['speed_sd_mps']:.2f} claimed"
         )
+    said += [f"note: {note}" for note in result["notes"]]
     return [*said, "±: one standard deviation"]
 
 

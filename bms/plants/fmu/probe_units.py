@@ -16,6 +16,7 @@ _SOC_SLACK = 0.02
 _EMPTY = 1e-4
 _SAME, _CLOSE, _NEAR = 0.02, 0.05, 0.3
 """Relative: as good as equal, close, and still believed to be meant."""
+_PER_CENT = ("%", "percent")
 _WINDOW = 0.25
 """How far beyond its cell's window a voltage is believed, relative."""
 _KILO = {1e3: "a thousand times", 1e-3: "a thousandth of", 1e2: "a hundred times", 1e-2: "a hundredth of"}
@@ -37,7 +38,7 @@ def unit_findings(record: Record, mapping: Mapping, cell: Cell | None) -> list[F
         *_voltage(record, mapping, cell),
         *_current(record, mapping),
         *_temperature(record, mapping),
-        *_soc(record, mapping),
+        *_soc(record, mapping, cell),
     ]
 
 
@@ -86,14 +87,7 @@ def _current(record: Record, mapping: Mapping) -> list[Finding]:
         ]
     by = _factor(ratio, mapping)
     text = f"{mapping.current.variable!r} is {ratio:.4g} times what the input asks for{by}"
-    return [
-        wrong(
-            "current",
-            f"{text}; check unit in [{mapping.drive.role} or] [current]".replace(
-                "[current or]", "[drive] and"
-            ),
-        )
-    ]
+    return [wrong("current", f"{text}; check unit in [drive] and [current]")]
 
 
 def _factor(ratio: float, mapping: Mapping) -> str:
@@ -121,7 +115,7 @@ def _temperature(record: Record, mapping: Mapping) -> list[Finding]:
     return [wrong("temperature", f"{text}; map another output, or leave [temperature] out")]
 
 
-def _soc(record: Record, mapping: Mapping) -> list[Finding]:
+def _soc(record: Record, mapping: Mapping, cell: Cell | None) -> list[Finding]:
     if mapping.soc is None:
         return []
     found = []
@@ -130,12 +124,15 @@ def _soc(record: Record, mapping: Mapping) -> list[Finding]:
     unit = f'unit = "{mapping.soc.unit}"' if mapping.soc.unit else "its unit"
     if now > 1.0 + _SOC_SLACK or now < -_SOC_SLACK:
         why = 'set unit = "%" in [soc]' if 1.0 < now <= 100.0 else f"check {unit} in [soc]"
+        if asked and abs(now / (100.0 * asked) - 1.0) < _NEAR and _may_be(mapping.initial_soc, per_cent=True):
+            why += (
+                ', or, if the FMU does start at a hundred times what was asked, unit = "1" in [initial_soc]'
+            )
         found.append(wrong("soc", f"{mapping.soc.variable!r} is {now:.4g}, not a fraction: {why}"))
     elif asked is not None and abs(now - asked) > _SOC_SLACK:
-        near = abs(100.0 * now / asked - 1.0) < _NEAR
         why = (
-            'a hundredth of it: set unit = "1" in [soc]'
-            if near
+            f"a hundredth of it: {_hundredth(record, mapping, cell)}"
+            if abs(100.0 * now / asked - 1.0) < _NEAR
             else "check unit in [initial_soc] and in [soc], and that [initial_soc] is the start of this SOC"
         )
         text = f"started at {asked:g}, {mapping.soc.variable!r} says {now:.4g} after the first step"
@@ -143,6 +140,30 @@ def _soc(record: Record, mapping: Mapping) -> list[Finding]:
     else:
         found.append(ok("soc", f"{mapping.soc.variable!r} is {now:.4g}" + (", as asked" if asked else "")))
     return [*found, *_capacity(record, mapping)] if found[0].level == "ok" else found
+
+
+def _hundredth(record: Record, mapping: Mapping, cell: Cell | None) -> str:
+    """Name the unit that makes a SOC a hundredth of what was asked for: the answer's or the start's."""
+    read, start = 'set unit = "1" in [soc]', 'set unit = "%" in [initial_soc]'
+    if not _may_be(mapping.soc, per_cent=True):
+        return start
+    if not _may_be(mapping.initial_soc, per_cent=False):
+        return read
+    found_Ah, known_Ah = measured_capacity_Ah(record), mapping.pack.capacity_Ah
+    if known_Ah is None and cell is not None:
+        known_Ah = cell.capacity_Ah
+    if found_Ah is not None and known_Ah is not None:
+        # A SOC that is read as per cent moves by a hundredth, too; one that only starts low moves rightly.
+        if abs(found_Ah / known_Ah - 1.0) < _NEAR:
+            return start
+        if abs(found_Ah / (100.0 * known_Ah) - 1.0) < _NEAR:
+            return read
+    return f"{read} if the FMU's SOC is a fraction, or {start} if it takes its start in per cent"
+
+
+def _may_be(variable: Output | None, *, per_cent: bool) -> bool:
+    """Whether a variable may be in per cent, or in another unit: the mapping leaves it open, or says so."""
+    return variable is not None and (variable.unit is None or (variable.unit in _PER_CENT) == per_cent)
 
 
 def _capacity(record: Record, mapping: Mapping) -> list[Finding]:
