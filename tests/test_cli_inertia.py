@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -236,6 +237,12 @@ def test_a_mass_on_a_spring_from_a_log(capsys):
         (["mass-spring", "--set", "order=9"], ["order=9", "less than or equal to 5"]),
         (["mass-spring", "--stiffness", "250"], ["resonance"]),
         (["mass-spring", "--duration", "nan"], ["duration_s"]),
+        (["mass-spring", "--duration", "0"], ["duration_s must be positive"]),
+        (
+            ["ride", "--geometry", "wheelbase_m=2794"],
+            ["wheelbase_m=2794", "equal to 30", "in m"],
+        ),
+        (["load-transfer", "--geometry", "track_m=1790"], ["track_m=1790", "equal to 10", "in m"]),
         (["mass-spring", "--out", "notes"], ["thesis.txt", "nothing was touched"]),
     ],
 )
@@ -274,6 +281,25 @@ def test_constant_signals_holes_and_gaps_are_told_of(capsys, drive):
         "note: 1 of 2201 rows lack a value of force_fl, the first in line 51; they were left out"
         in " ".join(shown.out.split())
     )
+
+
+def test_a_thin_log_warns_of_its_heights(capsys, drive):
+    write_log(drive)
+    rows = Path("log.csv").read_text().splitlines()
+    Path("log.csv").write_text("\n".join([rows[0], *rows[1::10]]))
+    arguments = ("load-transfer", "--data", "log.csv", *LENGTHS, "--method", "gpc,ekf")
+    text = " ".join(inertia(capsys, *arguments).split())
+    assert text.count("samples per block of 1 s: 10; noise and sway that are left in ay and ax are") == 1
+    found = json.loads(inertia(capsys, *arguments, "--json"))
+    for one in found["estimates"]:
+        assert any(note.startswith("samples per block of 1 s: 10;") for note in one["notes"])
+
+
+def test_a_log_whose_z_points_down_is_refused(capsys, drive):
+    write_log(replace(drive, corner_az_mps2=-drive.corner_az_mps2))
+    shown = run(capsys, "inertia", "load-transfer", "--data", "log.csv", *LENGTHS)
+    assert (shown.code, shown.out) == (2, "")
+    assert "az_fl ('az_fl_mps2') is -9.81 m/s2 in the mean" in " ".join(shown.err.split())
 
 
 def test_other_results_are_not_touched(capsys, folder):

@@ -230,6 +230,79 @@ def test_bias_and_misalignment_are_considered(road_logs):
     assert corner.final_sd["mass_kg"] == pytest.approx(1873.0 * 0.05 / 9.81 / 2.0, rel=0.1)
 
 
+def thinned(log, every):
+    """Every n-th sample, as a slower logger without a filter would take them."""
+    columns = {n: c if c is None or n == "static_N" else c[::every] for n, c in vars(log).items()}
+    return Log(**columns)
+
+
+@pytest.mark.parametrize("scenario", ["urban", "rural"])
+@pytest.mark.parametrize("every", [10, 20, 50, 100])
+def test_a_slow_log_knows_that_its_heights_are_too_low(scenario, every, road_logs):
+    """Noise and sway that a few samples do not average out shrink both heights; others hardly change."""
+    log, truth = road_logs[scenario]
+    for method in ("gpc", "rls-force"):
+        found = estimate("mltm", thinned(log, every), method)
+        for name in load_transfer.NAMES[3:5]:
+            assert found.error(truth)[name] < 0.0
+            assert abs(found.deviations(truth)[name]) < 2.0, (method, name)
+            assert found.final_sd[name] / truth[name] < 0.05 + 0.0066 * every
+        if method == "gpc":
+            assert abs(found.error(truth)["mass_kg"]) < 0.005
+        wanted = f"samples per block of 1 s: {100 // every};"
+        assert sum(note.startswith(wanted) for note in found.notes) == 1
+
+
+def test_a_fast_log_needs_no_word_on_its_rate(road_logs):
+    for log, truth in road_logs.values():
+        found = estimate("mltm", log)
+        assert not [note for note in found.notes if "per block" in note or "left out" in note]
+        for name in load_transfer.NAMES[3:5]:
+            assert 0.02 < found.final_sd[name] / found.final[name] < 0.025
+            assert abs(found.deviations(truth)[name]) < 1.5
+
+
+def test_a_clock_that_slows_down_or_ticks_in_bursts_loses_nothing(road_logs):
+    """The second half at 10 Hz; and three samples within 1 ms, then none for 60 ms."""
+    log, truth = road_logs["rural"]
+    half = log.time_s.size // 2
+    slower = np.r_[np.arange(half), np.arange(half, log.time_s.size, 10)]
+    burst = np.arange(log.time_s.size) // 6 * 6 + np.arange(log.time_s.size) % 6
+    burst = burst[burst % 6 < 3]
+    for kept in (slower, burst):
+        columns = {n: c if c is None or n == "static_N" else c[kept] for n, c in vars(log).items()}
+        if kept is burst:
+            columns["time_s"] = 0.06 * (kept // 6) + 0.0005 * (kept % 6)
+        found = estimate("mltm", Log(**columns))
+        assert abs(found.error(truth)["mass_kg"]) < 0.002
+        assert np.count_nonzero(np.diff(found.values[:, 0]) != 0.0) >= 298
+        assert not [note for note in found.notes if "left out" in note]
+
+
+def test_blocks_that_are_left_out_are_told_of(road_logs):
+    log, _ = road_logs["rural"]
+    slow = np.r_[np.arange(10_000), np.arange(10_000, log.time_s.size, 150)]
+    columns = {n: c if c is None or n == "static_N" else c[slow] for n, c in vars(log).items()}
+    found = estimate("ltm", Log(**columns))
+    assert any("blocks of 1 s were left out" in note for note in found.notes)
+    none = {n: c if c is None or n == "static_N" else c[slow[9_400:]] for n, c in vars(log).items()}
+    with pytest.raises(VehicleError, match=r"needs 10 or more: .* blocks of 1 s were left out"):
+        estimate("ltm", Log(**none))
+
+
+def test_heights_below_the_ground_name_the_sign(road_logs, ride_log):
+    log, _ = road_logs["rural"]
+    for column, name, word in (("ay_mps2", "roll", "ay (> 0 is a"), ("ax_mps2", "pitch", "ax (> 0 acc")):
+        wrong = Log(**{**vars(log), column: -getattr(log, column)})
+        found = estimate("ltm", wrong)
+        wanted = f"cg_over_{name}_centre_m is negative: check the sign of {word}"
+        assert next(note for note in found.notes if "negative" in note).startswith(wanted)
+        assert not [note for note in estimate("ltm", log).notes if "negative" in note]
+    log, _ = ride_log
+    wrong = Log(**{**vars(log), "ax_mps2": -log.ax_mps2, "ay_mps2": -log.ay_mps2})
+    assert any("cg_height_m is negative" in note for note in estimate("ride", wrong).notes)
+
+
 def test_gaps_are_left_out(road_logs):
     log, truth = road_logs["rural"]
     forces, ay = log.forces_N.copy(), log.ay_mps2.copy()

@@ -8,7 +8,7 @@ import pytest
 from vehicle import VehicleError
 from vehicle.inertia.log_columns import CHANNELS, UNITS, find_columns
 from vehicle.inertia.log_file import constant, read_table
-from vehicle.inertia.read_log import ESSENTIAL, REQUIRED, read_log, read_mass_spring
+from vehicle.inertia.read_log import CORNER_AZ, ESSENTIAL, REQUIRED, read_log, read_mass_spring
 
 N = 40
 UNIT_OF = {
@@ -25,6 +25,9 @@ def signals(model):
     """Channels of a model with values of their own, the time with equal steps."""
     rng = np.random.default_rng(5)
     found = {name: np.round(rng.normal(3.0, 1.0, N), 4) for name in REQUIRED[model]}
+    for name in ("az", *CORNER_AZ):
+        if name in found:
+            found[name] += 6.8
     found["time"] = np.round(0.01 * np.arange(N), 4)
     return found
 
@@ -200,6 +203,46 @@ def test_values_that_cannot_be_used(log, changes, parts):
     with pytest.raises(VehicleError) as caught:
         read_log(path, "mltm")
     assert [part for part in (str(path), *parts) if part not in str(caught.value)] == []
+
+
+AZ = signals("ltm")["az"]
+FORCE = signals("ltm")["force_rl"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"az": -AZ}, ["az ('az_mps2') is -9.", "z points down: turn the sign"]),
+        ({"az": AZ - 9.81}, ["gravity was taken off", "add 9.81 m/s2"]),
+        ({"az": AZ / 9.81}, ["the unit is g: --column az='az_mps2':g"]),
+        ({"az": -AZ / 9.81}, ["the unit is g", "turn its sign"]),
+        ({"az": AZ * 9.81}, ["in m/s2 and not in g: --column az='az_mps2':m/s2"]),
+        ({"az": AZ / 2.0}, ["check its unit, its offset"]),
+        ({"force_rl": -FORCE}, ["force_rl ('force_rl_N') is -", "turn the sign"]),
+        ({"force_rl": FORCE - 3.0}, ["force_rl ('force_rl_N') is", "static load was taken off"]),
+    ],
+)
+def test_wrong_signs_units_and_missing_gravity_are_named(log, changes, parts):
+    path = log("ltm", **changes)
+    with pytest.raises(VehicleError) as caught:
+        read_log(path, "ltm")
+    assert [part for part in (str(path), *parts) if part not in str(caught.value)] == []
+
+
+def test_a_corner_upside_down_is_named_and_its_advice_can_be_taken(log):
+    az = signals("mltm")["az_rl"]
+    with pytest.raises(VehicleError, match=r"az_rl \('az_rl_mps2'\) .*z points down"):
+        read_log(log(az_rl=-az), "mltm")
+    path = log(az_rl=az / 9.80665)
+    found, _ = read_log(path, "mltm", {"az_rl": "az_rl_mps2:g"})
+    np.testing.assert_allclose(found.corner_az_mps2[:, 2], az)
+
+
+def test_ride_needs_neither_gravity_nor_static_load(log):
+    values = signals("ride")
+    taken = {name: column - column.mean() for name, column in values.items() if name != "time"}
+    found, _ = read_log(log("ride", **taken), "ride")
+    assert found.forces_N.mean() == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from vehicle.inertia.defender import DEFENDER, Geometry, SprungVehicle
 from vehicle.inertia.estimation import predict
 from vehicle.inertia.filters import outputs_at
 from vehicle.inertia.log import Log
-from vehicle.inertia.regression import average, propagate
+from vehicle.inertia.regression import propagate
 from vehicle.inertia.rls import least_squares
 from vehicle.inertia.sensors import NO_ERRORS
 from vehicle.inertia.synthetic import synthetic
@@ -198,23 +198,14 @@ def test_forgetting_follows_a_change():
     assert forgot[-1, 0] == pytest.approx(2.0, abs=1e-6)
 
 
-def test_averages_are_of_blocks_of_time():
-    time = 0.01 * np.arange(301)
-    columns = np.column_stack([time, np.ones(301)])
-    ends, means = average(time, columns, 1.0)
-    np.testing.assert_allclose(ends, [0.99, 1.99, 2.99, 3.0])
-    np.testing.assert_allclose(means[:3, 0], [0.495, 1.495, 2.495])
-    # A single sample is no block.
-    assert np.isnan(means[3]).all()
-    columns[:30, 1], columns[100:180, 0] = np.nan, np.nan
-    _, means = average(time, columns, 1.0)
-    np.testing.assert_allclose(means[0], [np.mean(time[30:100]), 1.0])
-    assert np.isnan(means[1]).all()
-    same, whole = average(time, columns, 0.0)
-    assert same is time
-    assert whole is columns
-    with pytest.raises(VehicleError, match="average_s must be 0"):
-        average(time, columns, -1.0)
+def test_what_noise_shrinks_is_doubted():
+    """A height that is left of a share of noise in its regressor was greater by that share."""
+    values = np.array([[1873.0, 1.4, 0.9, 0.6, 0.02, 2.0]])
+    plain = load_transfer.add_doubt(values, np.zeros((1, 6, 6)))
+    doubted = load_transfer.add_doubt(values, np.zeros((1, 6, 6)), np.array([0.2, 0.97]))
+    # 0.6 m = 0.8 * 0.75 m; and hardly any signal tells nothing of a height: 0.1 m over a tenth at least.
+    expected = np.array([0.0, 0.0, 0.0, 0.15, 0.97, 0.0]) ** 2
+    np.testing.assert_allclose(doubted[0] - plain[0], np.diag(expected), atol=1e-12)
 
 
 def test_variances_pass_through_functions_to_first_order():

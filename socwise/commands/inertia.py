@@ -107,13 +107,13 @@ def mass_spring(
         _finish([table], lambda _: run_mass_spring(log, modes, changes=changes), None, settings, out, as_json)
         return
 
+    length_s = DURATION_S if duration is None else duration
+
     def one(number: int) -> list[InertiaRun]:
-        made = simulate(
-            seed=number, duration_s=duration or DURATION_S, position_m=position, stiffness_Npm=stiffness
-        )
+        made = simulate(seed=number, duration_s=length_s, position_m=position, stiffness_Npm=stiffness)
         return run_mass_spring(made, modes, seed=number, changes=changes)
 
-    settings |= {"duration_s": duration or DURATION_S, "position_m": position}
+    settings |= {"duration_s": length_s, "position_m": position}
     _finish([], one, range(seed, seed + seeds), settings, out, as_json)
 
 

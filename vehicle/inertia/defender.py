@@ -17,6 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 Array = NDArray[np.float64]
 
 GRAVITY_MPS2 = 9.81
+LONGEST_M, WIDEST_M = 30.0, 10.0
+"""Wheelbase and track beyond which a length is taken to be in another unit."""
 
 
 class Geometry(BaseModel):
@@ -24,8 +26,8 @@ class Geometry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    wheelbase_m: float = Field(default=2.794, gt=0.0, description="L")
-    track_m: float = Field(default=1.790, gt=0.0, description="B")
+    wheelbase_m: float = Field(default=2.794, gt=0.0, le=LONGEST_M, description="L, in m")
+    track_m: float = Field(default=1.790, gt=0.0, le=WIDEST_M, description="B, in m")
     cg_from_front_m: float = Field(default=1.4266, gt=0.0, description="a, from the front axle")
     cg_from_left_m: float = Field(default=0.8867, gt=0.0, description="l, from the left track")
     drag_moment_kg: float = Field(
@@ -52,8 +54,8 @@ class SprungVehicle(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    wheelbase_m: float = Field(default=2.794, gt=0.0, description="L")
-    track_m: float = Field(default=1.790, gt=0.0, description="B")
+    wheelbase_m: float = Field(default=2.794, gt=0.0, le=LONGEST_M, description="L, in m")
+    track_m: float = Field(default=1.790, gt=0.0, le=WIDEST_M, description="B, in m")
     cg_from_front_m: float = Field(default=1.4266, gt=0.0, description="a, from the front axle")
     cg_from_left_m: float = Field(default=0.8867, gt=0.0, description="l, from the left track")
     mass_kg: float = Field(default=1873.0, gt=0.0, description="sprung mass m")

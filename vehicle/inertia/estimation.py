@@ -49,6 +49,14 @@ Method = Literal["gpc", "gpc-report", "ekf", "ukf", "rls-force", "rls-accelerati
 UNLEARNT = 0.5
 """A parameter whose standard deviation stays above this share of the prior's is not identified."""
 
+_AX, _AY = "ax (> 0 accelerates)", "ay (> 0 is a left-hand bend)"
+_SIGN = {
+    "cg_height_m": f"{_AX} and of {_AY}",
+    "cg_over_roll_centre_m": _AY,
+    "cg_over_pitch_centre_m": _AX,
+}
+"""Whose sign is wrong, where a height is."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Recipe:
@@ -102,7 +110,7 @@ class _Recipe:
 
         values, covariance = propagate(wanted, found.mean, found.covariance)
         if self.model != "ride":
-            covariance = load_transfer.add_doubt(values, covariance)
+            covariance = load_transfer.add_doubt(values, covariance, problem.noise_share)
         return values, covariance
 
     def shifts(self, log: Log, errors: SensorErrors, final: Array) -> Array:
@@ -177,7 +185,7 @@ def estimate(
     seen = found.nis[np.isfinite(found.nis)]
     nis = float(np.mean(seen)) / problem.outputs.shape[1] if seen.size else np.nan
     sds = np.sqrt(variance)
-    notes = _notes(recipe, values[-1], sds[-1])
+    notes = (*problem.notes, *_notes(recipe, values[-1], sds[-1]))
     return InertiaEstimate(method, problem.time_s.copy(), recipe.names, values, sds, last, nis, notes)
 
 
@@ -216,6 +224,8 @@ def _notes(recipe: _Recipe, final: Array, sds: Array) -> tuple[str, ...]:
         before = known[1] / np.sqrt(3.0) if known else 0.3 * abs(value)
         if name != "drag_kgpm" and not sd <= UNLEARNT * before:
             notes.append(f"{name} is not identified by this log: its standard deviation is {sd:.3g}")
+        if name in _SIGN and value < -2.0 * sd:
+            notes.append(f"{name} is negative: check the sign of {_SIGN[name]}")
     if recipe.method == "rls-force" and recipe.model == "ride":
         notes.append("biased: noise on the accelerations shrinks mass and inertias, and lifts the height")
     if recipe.method == "gpc-report":

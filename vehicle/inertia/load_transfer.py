@@ -39,9 +39,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle.inertia.blocks import Blocks, average, told_of
 from vehicle.inertia.defender import Geometry
 from vehicle.inertia.log import NEEDS, Log
-from vehicle.inertia.regression import DRAG_HEIGHT_SD_M, Regression, average
+from vehicle.inertia.regression import DRAG_HEIGHT_SD_M, Regression
 
 Array = NDArray[np.float64]
 
@@ -81,6 +82,12 @@ WARP_SD_N = 500.0
 AVERAGE_S = 1.0
 HEIGHT_DOUBT = 0.02
 """Relative error of h_r and h_p that comes from what the models leave out, seen on synthetic drives."""
+FEW_SAMPLES = 20
+"""Samples in a block below which heights are warned of, and `WARNED` the error from which on they are."""
+WARNED = 0.05
+LEAST_SIGNAL = 0.1
+LEAST_HEIGHT_M = 0.1
+"""Bounds of what a shrunk height may have been: of the share that is not noise, and of the height itself."""
 DRAG_NOTE = (
     "drag_kgpm is not identifiable: a log tells only C times the height at which drag acts, with every other"
     " moment of the air; take its standard deviation, not its value"
@@ -97,7 +104,8 @@ def prepare(log: Log, geometry: Geometry, model: str, average_s: float = AVERAGE
     """
     forces, ax, ay, vertical, speed = (log.column(name, model) for name in NEEDS[model])
     table = np.column_stack([forces, ax, ay, vertical, speed**2])
-    time, table = average(log.time_s, table, average_s)
+    blocks = average(log.time_s, table, average_s)
+    table = blocks.means
     inputs = table[:, 4:]
     if model == "mltm":
         fl, fr, rl, rr = table[:, 6:10].T
@@ -105,7 +113,9 @@ def prepare(log: Log, geometry: Geometry, model: str, average_s: float = AVERAGE
         roll = (fl + rl - fr - rr) / (2.0 * geometry.track_m)
         inputs = np.column_stack([inputs, pitch, roll])
     lengths = np.array([geometry.wheelbase_m, geometry.track_m])
-    return Regression(KIND[model], model, time, inputs, table[:, :4], lengths)
+    share = blocks.noise_share[[5, 4]]
+    notes = (*told_of(blocks, average_s), *_shrunk(blocks, share, average_s))
+    return Regression(KIND[model], model, blocks.time_s, inputs, table[:, :4], lengths, share, notes)
 
 
 def from_own(parameters: Array) -> Array:
@@ -123,18 +133,40 @@ def from_corners(parameters: Array, lengths_m: Array) -> Array:
     return from_own(np.column_stack([mass, a, left, parameters[:, 4:]]))
 
 
-def add_doubt(values: Array, covariance: Array) -> Array:
-    """Add what no residual shows to the covariance of `NAMES`, shape (n, 6, 6).
+def add_doubt(values: Array, covariance: Array, noise_share: Array | None = None) -> Array:
+    r"""Add what no residual shows to the covariance of `NAMES`, shape (n, 6, 6).
 
-    That is the models' own error in the heights, `HEIGHT_DOUBT`, and that the height at which drag acts is
-    not known.
+    That is the models' own error in the heights, `HEIGHT_DOUBT`; that the height at which drag acts is not
+    known; and that chance in A_y and A_x, a share :math:`\lambda` of their variances, shrinks h_r and h_p by
+    the factor :math:`1 - \lambda`: an error of :math:`\lambda / (1 - \lambda)` times what is found.
     """
     doubted = covariance.copy()
-    for at in (3, 4):
-        doubted[:, at, at] += (HEIGHT_DOUBT * values[:, at]) ** 2
+    shrunk = _shrinkage(np.zeros(2) if noise_share is None else noise_share)
+    for at, share in zip((3, 4), shrunk, strict=True):
+        height = np.abs(values[:, at])
+        doubted[:, at, at] += (HEIGHT_DOUBT * height) ** 2
+        doubted[:, at, at] += (share * np.maximum(height, LEAST_HEIGHT_M)) ** 2
     relative = DRAG_HEIGHT_SD_M / np.maximum(np.abs(values[:, 4]), 0.1)
     doubted[:, 5, 5] += (values[:, 5] * relative) ** 2
     return doubted
+
+
+def _shrinkage(noise_share: Array) -> Array:
+    shrunk: Array = noise_share / np.maximum(1.0 - noise_share, LEAST_SIGNAL)
+    return shrunk
+
+
+def _shrunk(blocks: Blocks, noise_share: Array, average_s: float) -> tuple[str, ...]:
+    """Say how far off the heights are, where noise in A_y and A_x makes them so."""
+    side, nose = 100.0 * noise_share
+    if average_s == 0.0 or not (blocks.samples < FEW_SAMPLES or max(noise_share) > WARNED):
+        return ()
+    return (
+        f"samples per block of {average_s:g} s: {blocks.samples:.0f}; noise and sway that are left in ay and"
+        f" ax are an error of some {side:.1f} % in cg_over_roll_centre_m and {nose:.1f} % in"
+        " cg_over_pitch_centre_m; their standard deviations hold that, those of rls do not"
+        " hold what it makes of the mass; log at 100 Hz, or filter before you thin a log out",
+    )
 
 
 def as_rows(regression: Regression, form: str) -> tuple[Array, Array]:

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from vehicle.errors import VehicleError
+from vehicle.inertia.defender import GRAVITY_MPS2
 from vehicle.inertia.log import CORNERS, Log, check_model
+from vehicle.inertia.log_columns import G_MPS2
 from vehicle.inertia.log_file import LogTable, constant, read_table
 from vehicle.inertia.mass_spring import STIFFNESS_NPM, MassSpringLog
 
@@ -27,6 +30,8 @@ ESSENTIAL: dict[str, tuple[str, ...]] = {
     "mltm": (*FORCES, *CORNER_AZ),
 }
 """Channels without whose changes nothing is identified."""
+UPRIGHT_G = (0.75, 1.25)
+"""Mean of a vertical accelerometer that feels gravity and stands upright."""
 _TRANSFER: dict[tuple[str, ...], str] = {
     ("ax",): "ax does not change: the height of the centre of gravity over the pitch centre stays a guess",
     ("ay",): "ay does not change: the height of the centre of gravity over the roll centre stays a guess",
@@ -58,11 +63,15 @@ def read_log(path: str | Path, model: str, columns: Mapping[str, str] | None = N
     Raises
     ------
     VehicleError
-        As `read_table`; a signal without which nothing is identified must change.
+        As `read_table`; a signal without which nothing is identified must change; a vertical accelerometer
+        must feel gravity, and a strut carry its corner.
     """
     check_model(model)
     table = read_table(path, REQUIRED[model], OPTIONAL[model], columns=columns, varying=ESSENTIAL[model])
     known = table.channels
+    if model != "ride":
+        _check_gravity(table)
+        _check_load(table)
     still = tuple(name for name in ("ax", "ay", "speed") if name in REQUIRED[model] and constant(known[name]))
     # The ride model has one height for both directions.
     quiet = [text for names, text in _SILENT[model].items() if set(names) <= set(still)]
@@ -81,6 +90,50 @@ def read_log(path: str | Path, model: str, columns: Mapping[str, str] | None = N
         speed_mps=known.get("speed"),
     )
     return log, table
+
+
+def _check_gravity(table: LogTable) -> None:
+    """Refuse a vertical accelerometer upside down, without gravity or in another unit."""
+    for name in ("az", *CORNER_AZ):
+        if name not in table.channels:
+            continue
+        mean = float(table.channels[name].mean())
+        size = abs(mean) / GRAVITY_MPS2
+        if UPRIGHT_G[0] <= mean / GRAVITY_MPS2 <= UPRIGHT_G[1]:
+            continue
+        if UPRIGHT_G[0] <= size <= UPRIGHT_G[1]:
+            why = "z points down: turn the sign of the column"
+        elif UPRIGHT_G[0] <= abs(mean) <= UPRIGHT_G[1]:
+            turn = "" if mean > 0.0 else ", and turn its sign: z points up"
+            why = f"that is 1 g, so the unit is g: --column {name}={table.headers[name]!r}:g{turn}"
+        elif UPRIGHT_G[0] <= size / G_MPS2 <= UPRIGHT_G[1]:
+            why = f"the column is in m/s2 and not in g: --column {name}={table.headers[name]!r}:m/s2"
+        elif size < 1.0 - UPRIGHT_G[0]:
+            why = "gravity was taken off: add 9.81 m/s2 to the column"
+        else:
+            why = "check its unit, its offset and how the sensor is mounted"
+        raise VehicleError(
+            f"{table.source}: {name} ({table.headers[name]!r}) is {mean:.3g} m/s2 in the mean, where an"
+            f" accelerometer whose z points up reads 9.81 m/s2 at rest; {why}"
+        )
+
+
+def _check_load(table: LogTable) -> None:
+    """Refuse strut forces of the other sign, or without their static load."""
+    for name in FORCES:
+        force = table.channels[name]
+        mean, sd = float(force.mean()), float(force.std())
+        if mean > sd:
+            continue
+        why = (
+            "force on the body is positive when the strut pushes it up: turn the sign of the column"
+            if mean < -sd
+            else "the static load was taken off: add it to the column"
+        )
+        raise VehicleError(
+            f"{table.source}: {name} ({table.headers[name]!r}) is {mean:.3g} N in the mean, with a standard"
+            f" deviation of {sd:.3g} N, but a strut carries its corner; {why}"
+        )
 
 
 def read_mass_spring(

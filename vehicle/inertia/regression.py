@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ class Regression:
         NaN in a row leaves it out.
     lengths_m : ndarray, shape (2,)
         Wheelbase and track.
+    noise_share : ndarray, shape (2,)
+        Variance of A_y and A_x that is chance, see `vehicle.inertia.blocks`.
+    notes : tuple of str
+        What became of the log on the way.
     """
 
     kind: int
@@ -39,44 +43,17 @@ class Regression:
     inputs: Array
     outputs: Array
     lengths_m: Array
+    noise_share: Array = field(default_factory=lambda: np.zeros(2))
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         whole = np.isfinite(self.inputs).all(axis=1) & np.isfinite(self.outputs).all(axis=1)
         if np.count_nonzero(whole) < 10:
             raise VehicleError(
                 f"the model {self.model!r} finds {np.count_nonzero(whole)} complete samples, it needs 10 or"
-                " more: look for NaN, give a longer log, or average over shorter blocks"
+                " more: look for NaN and gaps in time, or give a longer log"
+                + "".join(f"; {note}" for note in self.notes)
             )
-
-
-def average(time_s: Array, columns: Array, block_s: float) -> tuple[Array, Array]:
-    """Average columns, shape (n, k), over blocks of time; rows with NaN do not count.
-
-    Returns
-    -------
-    tuple of ndarray, shapes (blocks,) and (blocks, k)
-        Time of the last row of each block, and means; NaN where more than half of a block is missing.
-
-    Raises
-    ------
-    VehicleError
-        When the block is not a time.
-    """
-    if not 0.0 <= block_s < np.inf:
-        raise VehicleError(f"average_s must be 0 (do not average) or a time in s, got {block_s}")
-    step = float(np.median(np.diff(time_s)))
-    if block_s <= step:
-        return time_s, columns
-    # Half a step off, lest rounding puts a sample at a border into either block.
-    block = np.floor((time_s - time_s[0] + 0.5 * step) / block_s)
-    starts = np.append(0, np.flatnonzero(np.diff(block) > 0.0) + 1)
-    weight = np.asarray(np.isfinite(columns).all(axis=1), dtype=np.float64)
-    count = np.add.reduceat(weight, starts)
-    total = np.add.reduceat(np.nan_to_num(columns) * weight[:, np.newaxis], starts, axis=0)
-    share = np.where(count >= 0.5 * block_s / step, 1.0 / np.maximum(count, 1.0), np.nan)
-    means = total * share[:, np.newaxis]
-    ends = np.append(starts[1:], time_s.size) - 1
-    return time_s[ends], means
 
 
 def propagate(function: Callable[[Array], Array], mean: Array, covariance: Array) -> tuple[Array, Array]:

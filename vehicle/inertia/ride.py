@@ -23,9 +23,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vehicle.inertia.blocks import average, told_of
 from vehicle.inertia.defender import Geometry
 from vehicle.inertia.log import NEEDS, Log
-from vehicle.inertia.regression import Regression, average
+from vehicle.inertia.regression import Regression
 
 Array = NDArray[np.float64]
 
@@ -60,9 +61,10 @@ def prepare(log: Log, geometry: Geometry, average_s: float = 0.0) -> Regression:
     table = np.column_stack([forces.sum(axis=1), nose, side, -ax, ay, heave, pitch, roll])
     if log.static_N is None:
         table = table - np.nanmean(table[np.isfinite(table).all(axis=1)], axis=0)
-    time, table = average(log.time_s, table, average_s)
+    blocks = average(log.time_s, table, average_s)
     lengths = np.array([geometry.wheelbase_m, geometry.track_m])
-    return Regression(KIND, "ride", time, table[:, :5], table[:, 5:], lengths)
+    inputs, outputs = blocks.means[:, :5], blocks.means[:, 5:]
+    return Regression(KIND, "ride", blocks.time_s, inputs, outputs, lengths, notes=told_of(blocks, average_s))
 
 
 def as_rows(regression: Regression, form: str) -> tuple[Array, Array]:
