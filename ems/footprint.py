@@ -10,7 +10,7 @@ from ems.cost_to_go import table_bytes
 from ems.errors import EmsError
 from ems.grid import soc_nodes, variance_rows
 from ems.problem import Problem
-from ems.resolution import Resolution, belief_resolution, process_resolution
+from ems.resolution import Resolution, belief_resolution, finer, process_resolution
 from ems.smoothing import REACH
 
 STAGE_TABLES = 5
@@ -44,9 +44,10 @@ class Footprint:
 
 
 def program_resolution(problem: Problem, policy: str) -> Resolution:
-    """Find spacing and look-up in SOC of a policy's program, by the policy's name."""
+    """Find spacing and look-up in SOC of a policy's program, by the policy's name; of trials the finest."""
     if policy == "stochastic":
-        return belief_resolution(problem)
+        found = belief_resolution(problem)
+        return found if found.sure else list(finer(problem, found))[-1]
     if policy == "perfect_information":
         return process_resolution(problem)
     return Resolution(problem.settings.deterministic_soc_step, cubic=False)

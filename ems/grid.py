@@ -53,7 +53,12 @@ class GridSettings(BaseModel):
     variance_rows: int = Field(default=16, ge=4, le=400, description="rows of the variance grid")
     process_levels: int = Field(default=6, ge=3, le=100, description="levels of perfect information")
     torque_levels: int = Field(default=31, ge=1, le=400, description="clutched engine torques per step")
-    soc_margin: float = Field(default=0.15, gt=0.0, le=1.0, description="how far the grid passes the window")
+    soc_margin: float = Field(
+        default=0.15,
+        gt=0.0,
+        le=1.0,
+        description="how far the grid passes the window; more where a descent forces more",
+    )
 
     def halved(self) -> GridSettings:
         """Return the settings with every spacing halved."""
@@ -121,8 +126,24 @@ def stochastic_grid(
     uncertainty: UncertaintyModel,
     step_s: float,
     cubic: bool = True,
+    parabolas: bool | None = None,
+    damping: float = 0.0,
 ) -> Grid:
-    """Build the grid of the program over (estimate, variance)."""
+    """Build the grid of the program over (estimate, variance).
+
+    Parameters
+    ----------
+    nodes, variances : ndarray
+        SOC nodes, and variances of the rows.
+    pack, uncertainty, step_s
+        The problem.
+    cubic : bool
+        Cubic look-ups in SOC, or the operators of `ems.monotone`.
+    parabolas : bool, optional
+        Parabolas through the rows, or linear between them; as in SOC unless told.
+    damping : float
+        Share by which a stage damps what alternates from row to row, see `ems._sdp.damp_rows`.
+    """
     measured = measurement_variance(nodes, variances, pack, uncertainty)
     prior = np.broadcast_to(variances[:, None], measured.shape)
     rows = variances.size
@@ -136,7 +157,8 @@ def stochastic_grid(
         operator=np.tile(np.arange(rows)[:, None], (1, rows)),
         spread=innovation_spread(prior, measured),
         cubic=cubic,
-    )
+        parabolas=cubic if parabolas is None else parabolas,
+    )._replace(damping=damping)
 
 
 def perfect_information_grid(
@@ -156,6 +178,7 @@ def perfect_information_grid(
         operator=np.arange(levels)[None, :],
         spread=np.tile(spread[:, None], (1, nodes.size)),
         cubic=cubic,
+        parabolas=cubic,
     )
 
 
@@ -172,6 +195,7 @@ def deterministic_grid(nodes: Array, pack: Pack, cubic: bool = False) -> Grid:
         operator=np.zeros((1, 1), dtype=np.int64),
         spread=one,
         cubic=cubic,
+        parabolas=cubic,
     )
 
 
@@ -186,6 +210,7 @@ def _grid(
     operator: NDArray[np.int64],
     spread: Array,
     cubic: bool,
+    parabolas: bool,
 ) -> Grid:
     soc_step = float(nodes[-1] - nodes[0]) / (nodes.size - 1)
     discharge_ohm, charge_ohm = pack.resistances_ohm(nodes)
@@ -197,7 +222,7 @@ def _grid(
     weights /= 2.0 * weights.sum(axis=1, keepdims=True) - weights[:, :1]
     side = np.array([int(np.flatnonzero(row).max()) for row in used])
     largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
-    shares = _level_shares(level, posterior, drift_per_A * largest_A, cubic)
+    shares = _level_shares(level, posterior, drift_per_A * largest_A, parabolas)
     first, most = _reached(shares)
     plan = np.zeros((first.size, most, 3), dtype=np.int64)
     share = np.zeros((first.size, most, CURRENTS, _whole_blocks(nodes.size)))
@@ -223,6 +248,7 @@ def _grid(
         levels=_levels_of_blocks(share),
         share=share,
         cubic=cubic,
+        damping=0.0,
     )
 
 

@@ -17,6 +17,7 @@ from drivecycles import DriveCycle
 from ems._sdp import Scalars, Stages
 from ems.concept import Concept
 from ems.errors import EmsError
+from ems.forced import HEADROOM, forced_rise
 from ems.grid import GridSettings
 from vehicle import Demand, Vehicle
 
@@ -140,6 +141,9 @@ def build_problem(
         _require_followable(concept, vehicle, pack, demand, cycle.name)
     table = vehicle.controls(demand, settings.torque_levels)
     shortfall_kg = table.shortfall_W * (step_s * 1e-6 * concept.shortfall_kg_per_MJ)
+    rise = forced_rise(table.battery_power_W, pack, concept.window.high, step_s) + HEADROOM
+    if rise > settings.soc_margin:
+        settings = settings.model_copy(update={"soc_margin": min(rise, 1.0)})
     return Problem(
         concept=concept,
         vehicle=vehicle,

@@ -7,13 +7,20 @@ wide as a few cells; where neither is they let a move of a small fraction of a c
 estimator may move it by a hundredth of that.
 
 The grid is refined until it resolves one of the two, down to a `FINEST` part of what the settings say; where
-that does not do, the operators of `ems.monotone` take the place of the cubic ones.
+that does not do, the operators of `ems.monotone` take the place of the cubic ones. Only an innovation as wide
+as a cell of the settings is sure to do; what the width of the belief promises is tried (`ems.floor`).
+
+The variance of a belief moves without any noise, by a part of a row that becomes small as a measurement says
+less. Parabolas through three rows have negative weights, and the minimum over the controls, which lead to
+different variances, then picks what alternates from row to row. It is damped in proportion to that part
+(`ems._sdp.damp_rows`), for what grows does so in proportion to it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +36,10 @@ PROCESS_CELLS, AMPLE = 2.5, 0.0025
 like the default's, makes do with one."""
 FINEST = 5
 """The spacing of the settings is divided by this at most."""
+DAMPING, MOST_DAMPING = 0.5, 0.05
+"""Damping of the rows: so many times the part of a row by which the variance drifts in a step, up to this."""
+REFINED = (2, 3, FINEST)
+"""Parts that are tried where the first trial does not hold."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +52,39 @@ class Resolution:
         Spacing of the SOC grid, a whole part of that of the settings.
     cubic : bool
         Whether cubic look-ups are safe on it.
+    sure : bool
+        Whether that needs no trial.
     """
 
     soc_step: float
     cubic: bool
+    sure: bool = True
 
 
 def belief_resolution(problem: Problem) -> Resolution:
     """Find spacing and look-up for the program over beliefs."""
     innovation, belief = settled_spreads(problem)
-    return _resolve(problem, max(innovation / INNOVATION_CELLS, belief / BELIEF_CELLS))
+    widest = max(innovation / INNOVATION_CELLS, belief / BELIEF_CELLS)
+    found = _resolve(problem, widest)
+    return replace(found, sure=not found.cubic or innovation >= INNOVATION_CELLS * problem.settings.soc_step)
+
+
+def finer(problem: Problem, tried: Resolution) -> Iterator[Resolution]:
+    """Give what to try one after the other: a resolution, finer ones, and operators that cannot overshoot."""
+    coarse = problem.settings.soc_step
+    parts = round(coarse / tried.soc_step)
+    yield tried
+    for more in REFINED:
+        if more > parts:
+            yield Resolution(coarse / more, cubic=True)
+    yield Resolution(coarse / FINEST, cubic=False)
+
+
+def row_damping(problem: Problem, row_step: float) -> float:
+    """Give the damping between variance rows that are uniform in ``sqrt(p)``, ``row_step`` apart."""
+    drift, (_, belief) = _typical_drift(problem), settled_spreads(problem)
+    moved = drift / (2.0 * belief * row_step) if belief > 0.0 else 0.0
+    return min(DAMPING * moved, MOST_DAMPING)
 
 
 def process_resolution(problem: Problem) -> Resolution:
