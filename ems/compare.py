@@ -86,7 +86,8 @@ def compare(
     Raises
     ------
     EmsError
-        Nothing to compare, a name or a number that is not allowed, or a cycle that a concept cannot follow.
+        Nothing to compare, a name or a number that is not allowed, a cycle that a concept cannot follow, or
+        one that only stands.
     """
     names, mus = checked(concepts, policies, mus)
     kinds = [policy_kind(policy) for policy in policies]
@@ -96,6 +97,7 @@ def compare(
     ]
     for mu in mus:
         problems[0].with_mu(mu)
+    require_distance(problems[0].demand.distance_m, cycle.name)
     noise = draw_noise(seed, realizations, problems[0].steps)
     tasks = [task for problem in problems for task in _tasks(problem, kinds, mus)]
     found: dict[tuple[str, float, str], Case] = {}
@@ -190,6 +192,21 @@ def checked(
     values = unique([float(mu) for mu in mus], "mu")
     unique([concept.name for concept in concepts], "concept")
     return names, values
+
+
+def require_distance(distance_m: float, cycle_name: str) -> None:
+    """Refuse a cycle that only stands before anything is computed: there is no consumption over no distance.
+
+    Raises
+    ------
+    EmsError
+        When the distance is zero.
+    """
+    if not distance_m > 0.0:
+        raise EmsError(
+            f"the cycle {cycle_name!r} only stands: it covers {distance_m:g} m, and a comparison gives the "
+            "consumption per distance; take a cycle that moves"
+        )
 
 
 def unique(values: Sequence[Item], what: str) -> tuple[Item, ...]:

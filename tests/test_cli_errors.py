@@ -91,6 +91,21 @@ def test_a_bad_cycle_file(capsys, folder, content, parts):
         assert [part for part in ["bad.csv", *parts] if part not in message] == []
 
 
+def test_a_cycle_that_only_stands(capsys, folder, monkeypatch):
+    """It is refused before anything is solved; `solve` needs no distance."""
+
+    def never(*_):
+        raise AssertionError("solved")
+
+    monkeypatch.setattr("ems.compare._run", never)
+    (folder / "wait.csv").write_text(HEADER + "".join(f"{second},0\n" for second in range(20)))
+    message = refuse(capsys, folder, "compare", "--concept", "hev", "--cycle", "wait.csv")
+    assert "the cycle 'wait' only stands" in message
+    assert "take a cycle that moves" in message
+    shown = run(capsys, "solve", "--concept", "hev", "--cycle", "wait.csv", "--out", "wait.nc")
+    assert shown.code == 0
+
+
 @pytest.mark.parametrize("command", ["compare", "solve"])
 def test_a_vehicle_too_weak_for_the_cycle(capsys, folder, command):
     message = refuse(capsys, folder, command, "--cycle", "us06")

@@ -156,6 +156,45 @@ def test_a_long_sweep_names_its_ends():
     assert "0.003" not in text
 
 
+def _with_errors(result, errors):
+    """Give policies the half widths of their own intervals of the cost."""
+    for case in result["cases"]:
+        if case["policy"] in errors:
+            case["cost_kg"]["se"] = errors[case["policy"]] / half_width(1.0, 200)
+    return result
+
+
+def test_no_per_cent_beyond_all_there_is():
+    """What is left of 1.25 kg is 0.25 kg, known to 0.3 kg: Fieller's interval passes a saving of 100 %."""
+    costs = {**COSTS, "stochastic": 0.25}
+    win = _pair("stochastic", "certainty_equivalent", (-1.0, 0.6), (-0.01, 0.02))
+    result = _with_errors(_result([win], costs), {"stochastic": 0.3, "certainty_equivalent": 0.75})
+    one = findings(result)[0].cost
+    assert 1.0 < one.share[1] < 1.1
+    assert all(math.isnan(value) for value in one.in_per_cent())
+    assert "lowers the realised cost by 1.00 kg (95 % interval 0.400 to 1.60) at μ = 0.002." in _text(result)
+    assert ">1.00 kg (0.400 to 1.60)</td>" in findings_table(findings(result))
+
+
+def test_a_loss_beyond_all_there_is_has_no_per_cent_either():
+    costs = {**COSTS, "stochastic": 1.4, "certainty_equivalent": 0.8}
+    loss = _pair("stochastic", "certainty_equivalent", (0.6, 0.35), (-0.01, 0.02))
+    text = _text(_result([loss], costs))
+    assert "raises the realised cost by 0.600 kg (95 % interval 0.250 to 0.950)" in text
+
+
+def test_a_loss_that_is_not_sure_is_no_negative_saving():
+    costs = {**COSTS, "certainty_equivalent": 1.0}
+    draw = _pair("stochastic", "certainty_equivalent", (0.01, 0.03), (0.05, 0.1))
+    text = _text(_result([draw], costs))
+    assert (
+        "makes no significant difference to the realised cost, "
+        "costing 1.00 % (95 % interval −2.00 to 4.00) more at μ = 0.002."
+    ) in text
+    assert "no significant difference, costing 1.00 % (95 % interval −1.00 to 3.00) more at" in text
+    assert "saving" not in text
+
+
 def test_the_sign_of_a_saving():
     assert [Saving(0.1, *ends, 1.0).verdict for ends in ((0.05, 0.2), (-0.3, -0.1), (-0.1, 0.1))] == [
         1,

@@ -79,6 +79,11 @@ def test_csv_in_any_order_and_in_other_units(tmp_path):
         ),
         ("speed_rpm,torque_Nm,loss_W\n# note\n0,0,\n", "line 3: loss_W is '', expected a finite number"),
         ("speed_rpm,torque_Nm,loss_W\n0,0\n", "line 2: loss_W is ''"),
+        (
+            "speed_rpm,torque_Nm,loss_W\n0,0,0,05\n",
+            "line 2: there are 4 values under 3 names; write decimals with a point",
+        ),
+        ("speed_rpm,torque_Nm,loss_W,\n# note\n0,0,,5\n", "line 3: there are 4 values under 3 names"),
         ("speed_rpm,torque_Nm,loss_W\n0,nan,1\n", "line 2: torque_Nm is 'nan'"),
         ("speed_rpm,torque_Nm,loss_W\n0,0,1\n0,1,1\n9,0,1\n", "9.* rad/s, 1 Nm occurs 0 times"),
         ("speed_rpm,torque_Nm,loss_W\n0,0,1\n0,0,1\n", "0 rad/s, 0 Nm occurs 2 times"),
@@ -89,6 +94,13 @@ def test_bad_csv(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(VehicleError, match=message):
         read_map(path, LOSS)
+
+
+def test_empty_cells_at_the_end_are_no_values(tmp_path):
+    rows = [f"{w},{t},1,, " for w in (0, 9) for t in (0, 1)]
+    path = tmp_path / "map.csv"
+    path.write_text("speed_radps,torque_Nm,loss_W\n" + "\n".join(rows))
+    np.testing.assert_array_equal(read_map(path, LOSS).values, np.ones((2, 2)))
 
 
 def test_missing_csv(tmp_path):
@@ -105,6 +117,30 @@ def test_engine_refuses_inconsistent_data():
     with pytest.raises(VehicleError, match=r"less than the work; check the header's unit"):
         thrifty = dataclasses.replace(engine.fuel_map, values=0.3 * engine.fuel_map.values)
         dataclasses.replace(engine, fuel_map=thrifty)
+
+
+def test_engine_refuses_fuel_in_the_wrong_unit():
+    """Grams read as kilograms: the efficiency is a thousandth of the map's best at its grid points."""
+    engine = load_vehicle("hev").engine
+    with pytest.raises(
+        VehicleError,
+        match=r"efficiency is 0\.04 %, at .* expected 5 % or more: check the header's unit",
+    ):
+        dataclasses.replace(
+            engine, fuel_map=dataclasses.replace(engine.fuel_map, values=1e3 * engine.fuel_map.values)
+        )
+    thirsty = dataclasses.replace(engine.fuel_map, values=7.0 * engine.fuel_map.values)
+    assert dataclasses.replace(engine, fuel_map=thirsty).fuel_map is thirsty
+
+
+def test_an_engine_without_torque_has_no_efficiency():
+    engine = load_vehicle("hev").engine
+    none = dataclasses.replace(
+        engine,
+        fuel_map=dataclasses.replace(engine.fuel_map, values=1e3 * engine.fuel_map.values),
+        limit_torque_Nm=np.zeros_like(engine.limit_torque_Nm),
+    )
+    assert none.max_power_W == 0.0
 
 
 def test_motor_refuses_inconsistent_data():

@@ -12,6 +12,9 @@ from vehicle.errors import VehicleError
 from vehicle.maps import SpeedTorqueMap, check_axis, read_map
 from vehicle.tables import FUEL_RATE, MAX_TORQUE, SPEED, FloatArray, frozen, read_table
 
+LEAST_EFFICIENCY = 0.05
+"""What every engine exceeds somewhere; a fuel rate 1000 times too large stays below it everywhere."""
+
 
 class EngineParameters(BaseModel):
     """The engine's table in a vehicle file."""
@@ -47,7 +50,8 @@ class Engine:
     Raises
     ------
     VehicleError
-        The limit is malformed, the map does not cover it, or the map's fuel holds less than the work.
+        The limit is malformed, the map does not cover it, or the map's fuel holds less than the work or
+        twenty times the work and more everywhere.
     """
 
     fuel_map: SpeedTorqueMap
@@ -137,4 +141,15 @@ class Engine:
             raise VehicleError(
                 f"{self.fuel_map.name}: at {grid[0][i, j]:g} rad/s and {grid[1][i, j]:g} Nm the fuel holds "
                 f"{heat[i, j]:g} W, less than the work; check the header's unit and lower_heating_value_Jpkg"
+            )
+        if not self.limit_torque_Nm.any():
+            return
+        efficiency = self.efficiency(*grid)
+        i, j = np.unravel_index(efficiency.argmax(), efficiency.shape)
+        if efficiency[i, j] < LEAST_EFFICIENCY:
+            raise VehicleError(
+                f"{self.fuel_map.name}: the best efficiency is {100.0 * efficiency[i, j]:.2g} %, at "
+                f"{grid[0][i, j]:g} rad/s and {grid[1][i, j]:g} Nm, where the fuel holds {heat[i, j]:g} W; "
+                f"expected {100.0 * LEAST_EFFICIENCY:g} % or more: check the header's unit and "
+                "lower_heating_value_Jpkg"
             )

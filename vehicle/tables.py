@@ -40,7 +40,8 @@ def read_table(path: Path, *quantities: Mapping[str, float]) -> tuple[FloatArray
     Raises
     ------
     VehicleError
-        The file is missing, a column is missing, or a cell is not a finite number.
+        The file is missing, a column is missing, a row has more values than the header has names, or a cell
+        is not a finite number.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -55,7 +56,14 @@ def read_table(path: Path, *quantities: Mapping[str, float]) -> tuple[FloatArray
     header = [cell.strip() for cell in rows[0]]
     picked = [_find_column(path, header, allowed) for allowed in quantities]
     table = np.empty((len(rows) - 1, len(picked)))
+    names = _filled(header)
     for i, (row, (line, _)) in enumerate(zip(rows[1:], numbered[1:], strict=True)):
+        # A decimal comma parts one number into two, and moves what follows into other columns.
+        if _filled(row) > names:
+            raise VehicleError(
+                f"{path}, line {line}: there are {_filled(row)} values under {names} names; "
+                "write decimals with a point"
+            )
         for j, (column, factor) in enumerate(picked):
             table[i, j] = factor * _number(path, line, header[column], row, column)
     return tuple(table.T.copy())
@@ -66,6 +74,11 @@ def frozen(values: FloatArray) -> FloatArray:
     copy = np.array(values, dtype=np.float64)
     copy.setflags(write=False)
     return copy
+
+
+def _filled(row: list[str]) -> int:
+    """Count the cells up to the last that is not empty: spreadsheets end rows with empty ones."""
+    return max((i for i, cell in enumerate(row, 1) if cell.strip()), default=0)
 
 
 def _find_column(path: Path, header: list[str], allowed: Mapping[str, float]) -> tuple[int, float]:

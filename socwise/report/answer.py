@@ -44,12 +44,23 @@ class Saving:
         return -1 if self.high < 0.0 else 0
 
     def in_per_cent(self) -> tuple[float, float, float]:
-        """Return mean, low and high in per cent of the baseline; NaN where it is small against them."""
+        """Return mean, low and high in per cent of the baseline, NaN where it is not well known.
+
+        That is where it is small against them, where it may be zero, and where the interval passes 100 % on
+        either side: nobody saves more than all there is, and so large a loss is one of a small baseline.
+        """
         largest = max(abs(self.absolute), abs(self.low), abs(self.high))
-        known = math.isnan(self.low) or not math.isnan(self.share[0])
+        known = math.isnan(self.low) or max(abs(end) for end in self.share) <= 1.0
         scale = 100.0 / self.baseline if known and self.baseline > 0.5 * largest else math.nan
         low, high = self.share if not math.isnan(scale) else (math.nan, math.nan)
         return scale * self.absolute, 100.0 * low, 100.0 * high
+
+    def figures(self, unit: str) -> tuple[tuple[float, float, float], str]:
+        """Return mean, low and high with their unit: per cent, or where those say nothing, the unit given."""
+        shares = self.in_per_cent()
+        if math.isnan(shares[0]):
+            return (self.absolute, self.low, self.high), unit
+        return shares, "%"
 
 
 @dataclass(frozen=True)

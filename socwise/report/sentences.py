@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 from socwise.labels import concept_label, policy_style
 from socwise.report.answer import Finding, Saving
-from socwise.report.wording import listing, per_cent
+from socwise.report.wording import amount, listing
 
 _ENOUGH = 4
 _INTERVAL = "95 % interval "
+_UNSURE = ("saving {}", "costing {} more")
 
 
 def answer(concept: str, found: Sequence[Finding]) -> list[str]:
@@ -74,13 +75,14 @@ def verdict(finding: Finding) -> str:
 def _cost_sentence(name: str, pairs: Sequence[tuple[Finding, Saving]]) -> str:
     templates = {
         1: "lowers the realised cost by {}",
-        0: "makes no significant difference to the realised cost, saving {}",
+        0: "makes no significant difference to the realised cost, {}",
         -1: "raises the realised cost by {}",
     }
     phrases = []
     for outcome, template in templates.items():
         group = [(one, saving) for one, saving in pairs if saving.verdict == outcome]
-        parts = [f"{_amount(saving, 'kg')} at μ = {one.mu:g}" for one, saving in group]
+        words = _UNSURE if outcome == 0 else ("{}", "{}")
+        parts = [f"{_amount(saving, 'kg', words)} at μ = {one.mu:g}" for one, saving in group]
         if parts:
             phrases.append(template.format(_series(parts)))
     return (
@@ -90,18 +92,20 @@ def _cost_sentence(name: str, pairs: Sequence[tuple[Finding, Saving]]) -> str:
 
 
 def _fuel_phrase(saving: Saving) -> str:
-    word = {1: "{} less", 0: "no significant difference, saving {}", -1: "{} more"}[saving.verdict]
-    return word.format(_amount(saving, "l/100 km"))
+    if saving.verdict == 0:
+        return f"no significant difference, {_amount(saving, 'l/100 km', _UNSURE)}"
+    return _amount(saving, "l/100 km", ("{} less", "{} more"))
 
 
-def _amount(saving: Saving, unit: str) -> str:
-    """Return a saving, or a significant loss as a positive number, with its interval."""
-    values, shown = saving.in_per_cent(), "%"
-    if math.isnan(values[0]):
-        values, shown = (saving.absolute, saving.low, saving.high), unit
-    mean, low, high = values if saving.verdict >= 0 else (-values[0], -values[2], -values[1])
-    interval = "no interval" if math.isnan(low) else f"{_INTERVAL}{per_cent(low)} to {per_cent(high)}"
-    return f"{per_cent(mean)} {shown} ({interval})"
+def _amount(saving: Saving, unit: str, words: tuple[str, str]) -> str:
+    """Return the size of a saving or of a loss with its interval, in the words for the one or the other."""
+    values, shown = saving.figures(unit)
+    loss = saving.absolute < 0.0
+    mean, low, high = (-values[0], -values[2], -values[1]) if loss else values
+    interval = (
+        "no interval" if math.isnan(low) else f"{_INTERVAL}{amount(low, shown)} to {amount(high, shown)}"
+    )
+    return words[loss].format(f"{amount(mean, shown)} {shown} ({interval})")
 
 
 def _better_sentences(found: Sequence[Finding]) -> list[str]:

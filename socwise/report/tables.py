@@ -11,7 +11,7 @@ from ems.statistics import half_width
 from socwise.labels import PERFECT_INFORMATION, concept_label, policy_style
 from socwise.report.answer import Finding, Saving
 from socwise.report.sentences import verdict
-from socwise.report.wording import MISSING, number, per_cent, plus_minus
+from socwise.report.wording import MISSING, amount, number, plus_minus
 
 _PER_CENT = 100.0
 _VERDICT = "Verdict"
@@ -71,7 +71,8 @@ def findings_table(found: Sequence[Finding]) -> str:
     body = "".join(
         "<tr>"
         f'<th scope="row">{escape(concept_label(one.concept))}</th><td>{one.mu:g}</td>'
-        f"{_saved(one.cost)}{_saved(one.fuel)}{_gap(one.gap_left)}{_saved(one.further)}"
+        f"{_saved(one.cost, 'kg')}{_saved(one.fuel, 'l/100 km')}"
+        f"{_gap(one.gap_left)}{_saved(one.further, 'kg')}"
         f'<td class="verdict">{escape(verdict(one))}</td></tr>'
         for one in found
     )
@@ -136,12 +137,15 @@ def _gap(share: float | None) -> str:
     return _cell(value, number(value, 0))
 
 
-def _saved(saving: Saving | None) -> str:
+def _saved(saving: Saving | None, unit: str) -> str:
     if saving is None:
         return _cell(None, MISSING)
-    mean, low, high = saving.in_per_cent()
-    interval = "" if math.isnan(low) else f" ({per_cent(low)} to {per_cent(high)})"
-    return _cell(mean, f"{per_cent(mean)}{interval}")
+    (mean, low, high), shown = saving.figures(unit)
+    interval = "" if math.isnan(low) else f" ({amount(low, shown)} to {amount(high, shown)})"
+    # The column counts per cent and is sorted by them: other units are named, and not sorted.
+    if shown != "%":
+        return _cell(None, f"{amount(mean, shown)} {shown}{interval}")
+    return _cell(mean, f"{amount(mean, shown)}{interval}")
 
 
 def _cell(value: float | None, text: str) -> str:

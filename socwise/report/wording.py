@@ -38,6 +38,13 @@ def per_cent(value: float | None) -> str:
     return number(value, 1 if abs(value) >= 10.0 else 2)
 
 
+def amount(value: float | None, unit: str) -> str:
+    """Return a number as a percentage is written; of kilograms below one more decimals, three or four."""
+    if unit == "kg" and value is not None and abs(value) < 1.0:
+        return number(value, 3 if abs(value) >= 0.1 else 4)
+    return per_cent(value)
+
+
 def plus_minus(mean: float | None, half_width: float, digits: int = 3) -> str:
     """Return "mean ± half-width", without the latter where it is NaN."""
     if not math.isfinite(half_width):
