@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivecycles import DriveCycle
-from ems.compare import DEFAULT_MU, DEFAULT_POLICIES, checked, input_digest
+from ems.compare import DEFAULT_MU, DEFAULT_POLICIES, checked, input_digest, require_distance
 from ems.concept import Concept
 from ems.errors import EmsError
 from ems.grid import GridSettings
@@ -95,6 +95,8 @@ def compare_ensemble(
         return build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible)
 
     sets = [(problem(c, planned), tuple(problem(c, member) for member in members)) for c in concepts]
+    for one in sets[0][1]:
+        require_distance(one.demand.distance_m, one.cycle.name)
     for mu in mus:
         sets[0][0].with_mu(mu)
     tasks = [task for one in sets for task in _tasks(*one, names, mus)]

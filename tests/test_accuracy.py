@@ -46,7 +46,7 @@ def true_value(name, policy):
     return build_policy(policy, maker(load_concept(name), short_cycle(240))(FINE)).value_kg
 
 
-@pytest.mark.parametrize("accuracy", [0.01, 0.001])
+@pytest.mark.parametrize("accuracy", [0.01, pytest.param(0.001, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("policy", ["stochastic", "certainty_equivalent", "perfect_information"])
 @pytest.mark.parametrize("name", ["hev", "phev"])
 def test_the_error_is_below_what_was_asked_for(name, policy, accuracy):

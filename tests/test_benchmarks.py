@@ -140,6 +140,7 @@ def test_cells_and_plain_loop_agree_and_the_steps_are_counted(log):
     np.testing.assert_array_equal(others[1].run().voltage_V, paired[0].run())
 
 
+@pytest.mark.slow
 def test_the_reports_estimator_and_its_equations_agree(log):
     ours, theirs = gradient_tasks(log, 300)
     assert (ours.units, theirs.units) == (1000, 300)

@@ -102,6 +102,11 @@ def test_a_cycle_that_only_stands(capsys, folder, monkeypatch):
     message = refuse(capsys, folder, "compare", "--concept", "hev", "--cycle", "wait.csv")
     assert "the cycle 'wait' only stands" in message
     assert "take a cycle that moves" in message
+    monkeypatch.setattr("ems.closed.compare._Task", never)
+    loop = ("--plant", "ecm", "--estimator", "ekf")
+    assert "the cycle 'wait' only stands" in refuse(
+        capsys, folder, "compare", "--concept", "hev", "--cycle", "wait.csv", *loop
+    )
     shown = run(capsys, "solve", "--concept", "hev", "--cycle", "wait.csv", "--out", "wait.nc")
     assert shown.code == 0
 

@@ -89,17 +89,22 @@ def test_rows_are_damped_as_the_variance_drifts_through_them():
     assert row_damping(without_noise(problem), 0.0025) == 0.0
 
 
-@pytest.mark.parametrize(
-    "mu", [0.02, pytest.param(0.05, marks=pytest.mark.slow), pytest.param(0.3, marks=pytest.mark.slow)]
-)
-def test_a_measurement_that_says_little_costs_what_finer_rows_say(mu):
+def test_what_says_little_costs_more_than_what_is_known():
     """At 0.02 the PHEV was promised 0.705 kg, less than with perfect information."""
+    problem = full_problem("phev").with_mu(0.02)
+    assert (
+        build_policy("stochastic", problem).value_kg > build_policy("perfect_information", problem).value_kg
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0.02, 0.05, 0.3])
+def test_a_measurement_that_says_little_costs_what_finer_rows_say(mu):
     problem = full_problem("phev").with_mu(mu)
     finer_rows = problem.settings.model_copy(update={"variance_rows": 32})
     coarse = build_policy("stochastic", problem).value_kg
     fine = build_policy("stochastic", dataclasses.replace(problem, settings=finer_rows)).value_kg
     assert coarse == pytest.approx(fine, rel=1e-3)
-    assert coarse > build_policy("perfect_information", problem).value_kg
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from study_cases import EIGHT, MANY, children, finished, gone, results, start, w
 
 from socwise.study import read_study, run_study
 
-KILLS = [2, pytest.param(20, marks=pytest.mark.slow)]
+KILLS = [1, pytest.param(20, marks=pytest.mark.slow)]
 CLUSTER = """
 import sys
 from distributed import LocalCluster

@@ -213,6 +213,7 @@ def test_with_little_noise_on_a_whole_cycle(concept, drift, mu):
         assert stochastic < 1.003 * certain
 
 
+@pytest.mark.slow
 def test_value_changes_little_where_the_kind_of_look_up_changes():
     """As the drift falls the grid is refined, and at last solved linearly; the value knows nothing of it."""
     drifts = 10.0 ** np.arange(-6.5, -8.6, -0.5)

@@ -20,7 +20,7 @@ from ems.closed.battery import Battery, ClosedLoop, FmuSource, battery_for
 from ems.closed.identify import ERROR_WEIGHT, REALIZATIONS, Identified, behaviour_of, fit_json, identify
 from ems.closed.plants import check_plant
 from ems.closed.run import Ensemble, run_ensemble
-from ems.compare import DEFAULT_POLICIES, input_digest, unique
+from ems.compare import DEFAULT_POLICIES, input_digest, require_distance, unique
 from ems.concept import Concept
 from ems.errors import EmsError
 from ems.grid import GridSettings
@@ -122,6 +122,7 @@ def compare_closed(
         build_problem(concept, cycle, settings=settings, on_infeasible=on_infeasible, pack=battery.pack)
         for concept, battery in zip(concepts, batteries, strict=True)
     ]
+    require_distance(problems[0].demand.distance_m, cycle.name)
     for mu in given or ():
         problems[0].with_mu(mu)
     for concept, battery in zip(concepts, batteries, strict=True):
