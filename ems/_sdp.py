@@ -382,7 +382,7 @@ def sweep(
             rows_stage(grid, scalars, power_W, cost_kg, after, room, now)
         lowest.fill(np.inf)
         for e in range(2):
-            if grid.damping > 0.0 and rows > 4:
+            if grid.damping > 0.0:
                 damp_rows(grid.damping, now[e], spare)
             for r in range(rows):
                 add_penalty(penalty[r], now[e, r], lowest)

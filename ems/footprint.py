@@ -47,7 +47,7 @@ def program_resolution(problem: Problem, policy: str) -> Resolution:
     """Find spacing and look-up in SOC of a policy's program, by the policy's name; of trials the finest."""
     if policy == "stochastic":
         found = belief_resolution(problem)
-        return found if found.sure else list(finer(problem, found))[-1]
+        return found if found.sure else min(finer(problem, found), key=lambda one: one.soc_step)
     if policy == "perfect_information":
         return process_resolution(problem)
     return Resolution(problem.settings.deterministic_soc_step, cubic=False)

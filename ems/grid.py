@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 NEGLIGIBLE_WEIGHT = 1e-9
 HEADROOM = 1.1
+LEAST_DAMPED = 5
+"""Fewer rows have no fourth difference."""
 
 
 class GridSettings(BaseModel):
@@ -157,8 +159,9 @@ def stochastic_grid(
         operator=np.tile(np.arange(rows)[:, None], (1, rows)),
         spread=innovation_spread(prior, measured),
         cubic=cubic,
-        parabolas=cubic if parabolas is None else parabolas,
-    )._replace(damping=damping)
+        parabolas=parabolas,
+        damping=damping,
+    )
 
 
 def perfect_information_grid(
@@ -178,7 +181,6 @@ def perfect_information_grid(
         operator=np.arange(levels)[None, :],
         spread=np.tile(spread[:, None], (1, nodes.size)),
         cubic=cubic,
-        parabolas=cubic,
     )
 
 
@@ -195,7 +197,6 @@ def deterministic_grid(nodes: Array, pack: Pack, cubic: bool = False) -> Grid:
         operator=np.zeros((1, 1), dtype=np.int64),
         spread=one,
         cubic=cubic,
-        parabolas=cubic,
     )
 
 
@@ -210,7 +211,8 @@ def _grid(
     operator: NDArray[np.int64],
     spread: Array,
     cubic: bool,
-    parabolas: bool,
+    parabolas: bool | None = None,
+    damping: float = 0.0,
 ) -> Grid:
     soc_step = float(nodes[-1] - nodes[0]) / (nodes.size - 1)
     discharge_ohm, charge_ohm = pack.resistances_ohm(nodes)
@@ -222,7 +224,8 @@ def _grid(
     weights /= 2.0 * weights.sum(axis=1, keepdims=True) - weights[:, :1]
     side = np.array([int(np.flatnonzero(row).max()) for row in used])
     largest_A = max(pack.discharge_limit_A, pack.charge_limit_A)
-    shares = _level_shares(level, posterior, drift_per_A * largest_A, parabolas)
+    joined = cubic if parabolas is None else parabolas
+    shares = _level_shares(level, posterior, drift_per_A * largest_A, joined)
     first, most = _reached(shares)
     plan = np.zeros((first.size, most, 3), dtype=np.int64)
     share = np.zeros((first.size, most, CURRENTS, _whole_blocks(nodes.size)))
@@ -248,7 +251,7 @@ def _grid(
         levels=_levels_of_blocks(share),
         share=share,
         cubic=cubic,
-        damping=0.0,
+        damping=damping if level.size >= LEAST_DAMPED else 0.0,
     )
 
 
